@@ -1,0 +1,3 @@
+"""Underwater stereo reconstruction as a ROS 2 node graph."""
+
+__version__ = "0.1.0"

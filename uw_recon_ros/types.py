@@ -1,0 +1,397 @@
+"""The nouns: what flows from stage to stage.
+
+Conventions
+-----------
+- Pixel (0, 0) is the centre of the top-left pixel; arrays are indexed ``image[v, u]``; colour is RGB.
+- Disparity ``d = u_left - u_right`` (``v_left - v_right`` for a vertical rig), in pixels.
+- Optical frames are REP 103: x right, y down, z forward, metres.
+- An invalid pixel is NaN in every float array, and a `Status` bit says why.
+- Time is the header stamp of the left image in integer nanoseconds, handed through unchanged.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import IntFlag
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+ByteImage = NDArray[np.uint8]
+FloatImage = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+Matrix = NDArray[np.float64]
+RawImage = NDArray[Any]  # uint8 or uint16
+
+Axis = Literal["horizontal", "vertical"]
+
+
+class Status(IntFlag):
+    """Why a pixel has no disparity: a bit mask kept in a ``uint8`` image, 0 = valid."""
+
+    VALID = 0
+    OCCLUDED = 1  #: seen by the left eye only
+    OUTSIDE = 2  #: its match would lie outside the other view
+    INCONSISTENT = 4  #: the two eyes disagree
+    LOW_TEXTURE = 8  #: nothing to match
+    OUT_OF_RANGE = 16  #: disparity or depth outside the given limits
+    UNSEEN = 32  #: outside the rectified image's valid region
+    FILTERED = 64  #: removed by the depth filter as an isolated speckle
+
+
+@dataclass(frozen=True, eq=False)
+class CameraModel:
+    """One calibrated camera, as a ``sensor_msgs/CameraInfo`` describes it.
+
+    Parameters
+    ----------
+    width, height : int
+        Image size, px.
+    k : (3, 3) float64
+        Intrinsic matrix of the raw image.
+    d : (N,) float64
+        Distortion coefficients of `distortion_model`.
+    r : (3, 3) float64
+        Rectifying rotation, ``x_rect = r @ x_raw`` (identity when not rectified).
+    p : (3, 4) float64
+        Projection matrix of the rectified image; ``p[0, 3] = -fx * B`` for the right camera of a horizontal pair,
+        ``p[1, 3] = -fy * B`` of a vertical one.
+    distortion_model : str
+        ``plumb_bob``, ``rational_polynomial`` or ``equidistant``.
+    frame_id : str
+        Optical frame of the raw camera.
+    """
+
+    width: int
+    height: int
+    k: Matrix
+    d: Matrix
+    r: Matrix
+    p: Matrix
+    distortion_model: str = "plumb_bob"
+    frame_id: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class StereoCalibration:
+    """The two cameras of a rig. Extrinsics follow from ``r`` and ``p`` of both."""
+
+    left: CameraModel
+    right: CameraModel
+
+
+@dataclass(frozen=True)
+class StereoGeometry:
+    """Rectified geometry: the one place where depth and disparity are turned into each other.
+
+    Parameters
+    ----------
+    focal_px : float
+        Focal length along the baseline of the rectified views, px (fx, or fy for a vertical rig).
+    cx_left, cx_right : float
+        Principal point along the baseline of either rectified view, px.
+    cy : float
+        Principal point across the baseline, common to both views, px.
+    baseline_m : float or None
+        Signed distance from left to right camera along the rig's axis, m; negative when the second camera lies on the
+        other side (above, in a vertical rig). None: the scale is not known.
+    axis : {'horizontal', 'vertical'}
+        Direction of the baseline in the image.
+    baseline_sign : {1, -1}
+        Side of the second camera when `baseline_m` is None.
+    focal_across_px : float or None
+        Focal length across the baseline, px; None: the same.
+    rect_from_raw_left : (3, 3) tuple of tuples
+        Rotation from the unrotated left optical frame to the rectified one.
+    """
+
+    focal_px: float
+    cx_left: float
+    cx_right: float
+    cy: float
+    baseline_m: float | None = None
+    axis: Axis = "horizontal"
+    baseline_sign: int = 1
+    focal_across_px: float | None = None
+    rect_from_raw_left: tuple[tuple[float, ...], ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+    @property
+    def metric(self) -> bool:
+        """Whether depths are metres. Otherwise they are in units of the baseline, focal length assumed."""
+        return self.baseline_m is not None
+
+    @property
+    def offset_px(self) -> float:
+        """``cx_right - cx_left``: what is added to a disparity before it is inverted, px."""
+        return self.cx_right - self.cx_left
+
+    @property
+    def focal_times_baseline(self) -> float:
+        """``f B`` in px m (px times baselines where the scale is unknown); carries the baseline's sign."""
+        baseline = float(self.baseline_sign) if self.baseline_m is None else self.baseline_m
+        return self.focal_px * baseline
+
+    @property
+    def intrinsics_left(self) -> Matrix:
+        """(3, 3) intrinsic matrix of the left rectified view."""
+        along, across = self.focal_px, self.focal_across_px or self.focal_px
+        if self.axis == "horizontal":
+            return np.array([[along, 0.0, self.cx_left], [0.0, across, self.cy], [0.0, 0.0, 1.0]])
+        return np.array([[across, 0.0, self.cy], [0.0, along, self.cx_left], [0.0, 0.0, 1.0]])
+
+    def depth_from_disparity(self, disparity: FloatImage) -> FloatImage:
+        """``Z = f B / (d + offset)`` (paper eq. 18), NaN where the point is not in front of the rig.
+
+        Parameters
+        ----------
+        disparity : float32, any shape
+            px; NaN = invalid.
+
+        Returns
+        -------
+        float32, same shape
+            Depth along the optical axis, m (baselines when the scale is unknown).
+        """
+        shifted = np.asarray(disparity, np.float32) + np.float32(self.offset_px)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            depth = np.float32(self.focal_times_baseline) / shifted
+        front: FloatImage = np.where((depth > 0) & np.isfinite(depth), depth, np.float32(np.nan)).astype(np.float32)
+        return front
+
+    def disparity_from_depth(self, depth: FloatImage) -> FloatImage:
+        """``d = f B / Z - offset``: the inverse of `depth_from_disparity`."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            shifted: FloatImage = np.float32(self.focal_times_baseline) / np.asarray(depth, np.float32)
+        return shifted - np.float32(self.offset_px)
+
+    def depth_sigma(self, depth: FloatImage, sigma_px: FloatImage) -> FloatImage:
+        """``sigma_Z = Z^2 / |f B| sigma_d``, m, for `depth` in m and `sigma_px` in px."""
+        scale = np.float32(1.0 / abs(self.focal_times_baseline))
+        sigma: FloatImage = np.square(depth) * scale * sigma_px
+        return sigma
+
+
+@dataclass(frozen=True, eq=False)
+class StereoPair:
+    """Two raw images taken at one moment.
+
+    Parameters
+    ----------
+    left, right : (H, W) or (H, W, 3) uint8 or uint16
+        Mono or RGB; both of one shape and dtype.
+    stamp_ns : int
+        Header stamp of the left image, ns.
+    frame_id : str
+        Left camera's optical frame.
+    calibration : StereoCalibration or None
+    """
+
+    left: RawImage
+    right: RawImage
+    stamp_ns: int = 0
+    frame_id: str = ""
+    calibration: StereoCalibration | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class EnhancedPair:
+    """A preprocessed pair: one image to look at, one to match.
+
+    Parameters
+    ----------
+    left, right : (H, W, 3) uint8
+        RGB after the paper's nine steps: texture, tie points.
+    left_matching, right_matching : (H, W) uint8
+        What the matcher sees, chosen by the `profile` parameter.
+    stamp_ns, frame_id, calibration
+        As in `StereoPair`.
+    """
+
+    left: ByteImage
+    right: ByteImage
+    left_matching: ByteImage
+    right_matching: ByteImage
+    stamp_ns: int = 0
+    frame_id: str = ""
+    calibration: StereoCalibration | None = None
+
+
+@dataclass(frozen=True)
+class RectificationQuality:
+    """How well rows agree after rectification, on tie points left out of the fit.
+
+    Parameters
+    ----------
+    method : {'calibrated', 'quasi-euclidean', 'given'}
+        ``given``: the images came rectified.
+    row_error_median_px, row_error_p95_px : float
+        NaN where no tie points were available.
+    inliers : int
+        Tie points that the epipolar geometry explains.
+    warnings : tuple of str
+        E.g. a flat scene, a rig calibrated in air and used in water.
+    """
+
+    method: str
+    row_error_median_px: float = float("nan")
+    row_error_p95_px: float = float("nan")
+    inliers: int = 0
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class RectifiedPair:
+    """A pair whose matching pixels share a row (a column, for a vertical rig).
+
+    Parameters
+    ----------
+    left, right : (H, W, 3) uint8
+        RGB, enhanced: texture.
+    left_matching, right_matching : (H, W) uint8
+        What the matcher sees.
+    valid_left, valid_right : (H, W) bool
+        Where the rectified image shows something.
+    geometry : StereoGeometry
+    quality : RectificationQuality
+    disparity_range : (int, int) or None
+        Inclusive limits that hold the tie points' disparities with a margin, px; None: not known.
+    stamp_ns, frame_id
+        As in `StereoPair`.
+    """
+
+    left: ByteImage
+    right: ByteImage
+    left_matching: ByteImage
+    right_matching: ByteImage
+    valid_left: Mask
+    valid_right: Mask
+    geometry: StereoGeometry
+    quality: RectificationQuality
+    disparity_range: tuple[int, int] | None = None
+    stamp_ns: int = 0
+    frame_id: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class DisparityMap:
+    """Dense correspondence of a rectified pair, in the left view.
+
+    Parameters
+    ----------
+    disparity : (H, W) float32
+        px; NaN = invalid.
+    sigma : (H, W) float32
+        Standard deviation of `disparity`, px; NaN where that is.
+    status : (H, W) uint8
+        `Status` bits; 0 exactly where `disparity` is finite.
+    min_disparity, max_disparity : int
+        Limits that were searched, inclusive, px.
+    geometry : StereoGeometry
+    method : str
+    energy : float
+        Of the labelling, in the units of the method; NaN where it has none.
+    stamp_ns, frame_id
+        As in `StereoPair`.
+    """
+
+    disparity: FloatImage
+    sigma: FloatImage
+    status: ByteImage
+    min_disparity: int
+    max_disparity: int
+    geometry: StereoGeometry
+    method: str = ""
+    energy: float = float("nan")
+    stamp_ns: int = 0
+    frame_id: str = ""
+
+    @property
+    def density(self) -> float:
+        """Share of pixels with a disparity, 0 to 1."""
+        return float(np.isfinite(self.disparity).mean()) if self.disparity.size else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class DepthMap:
+    """Depth along the optical axis of the left rectified view.
+
+    Parameters
+    ----------
+    depth : (H, W) float32
+        m, or baselines where ``geometry.metric`` is false; NaN = invalid.
+    sigma : (H, W) float32
+        Standard deviation of `depth`, same unit.
+    status : (H, W) uint8
+        `Status` bits, those of the disparity and of the depth filter.
+    geometry : StereoGeometry
+    stamp_ns, frame_id
+        As in `StereoPair`.
+    """
+
+    depth: FloatImage
+    sigma: FloatImage
+    status: ByteImage
+    geometry: StereoGeometry
+    stamp_ns: int = 0
+    frame_id: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class PointCloud:
+    """Coloured points.
+
+    Parameters
+    ----------
+    points : (H, W, 3) float32 organised, or (N, 3) float32
+        x, y, z; NaN where invalid (organised clouds only).
+    colors : uint8, same shape
+        RGB.
+    normals : float32, same shape, or None
+        Unit length, towards the camera.
+    metric : bool
+        Whether the unit is the metre.
+    stamp_ns, frame_id
+        As in `StereoPair`; the frame the points are expressed in.
+    """
+
+    points: FloatImage
+    colors: ByteImage
+    normals: FloatImage | None = None
+    metric: bool = False
+    stamp_ns: int = 0
+    frame_id: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A textured triangle mesh.
+
+    Parameters
+    ----------
+    vertices : (N, 3) float32
+        In the frame of the cloud it was made from.
+    faces : (M, 3) int32
+        Counter-clockwise seen from the camera.
+    normals : (N, 3) float32
+        Unit length, towards the camera.
+    uv : (N, 2) float32
+        Texture coordinates, 0 to 1, origin at the texture's lower left (glTF viewers via trimesh).
+    colors : (N, 3) uint8
+        RGB at the vertices.
+    texture : (H, W, 3) uint8
+        The enhanced left rectified image, RGB.
+    metric : bool
+    stamp_ns, frame_id
+        As in `StereoPair`.
+    """
+
+    vertices: FloatImage
+    faces: NDArray[np.int32]
+    normals: FloatImage
+    uv: FloatImage
+    colors: ByteImage
+    texture: ByteImage = field(repr=False)
+    metric: bool = False
+    stamp_ns: int = 0
+    frame_id: str = ""
