@@ -27,6 +27,29 @@ RawImage = NDArray[Any]  # uint8 or uint16
 Axis = Literal["horizontal", "vertical"]
 
 
+@dataclass(frozen=True)
+class Window:
+    """A rectangle of pixels, the part of a rectified image that shows something.
+
+    Parameters
+    ----------
+    u, v : int
+        Top-left pixel.
+    width, height : int
+        px.
+    """
+
+    u: int
+    v: int
+    width: int
+    height: int
+
+    @property
+    def slices(self) -> tuple[slice, slice]:
+        """Rows and columns, to index an image with."""
+        return slice(self.v, self.v + self.height), slice(self.u, self.u + self.width)
+
+
 class Status(IntFlag):
     """Why a pixel has no disparity: a bit mask kept in a ``uint8`` image, 0 = valid."""
 
@@ -162,8 +185,8 @@ class StereoGeometry:
     def disparity_from_depth(self, depth: FloatImage) -> FloatImage:
         """``d = f B / Z - offset``: the inverse of `depth_from_disparity`."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            shifted: FloatImage = np.float32(self.focal_times_baseline) / np.asarray(depth, np.float32)
-        return shifted - np.float32(self.offset_px)
+            disparity: FloatImage = np.float32(self.focal_times_baseline) / depth - np.float32(self.offset_px)
+        return disparity
 
     def depth_sigma(self, depth: FloatImage, sigma_px: FloatImage) -> FloatImage:
         """``sigma_Z = Z^2 / |f B| sigma_d``, m, for `depth` in m and `sigma_px` in px."""
@@ -250,12 +273,10 @@ class RectifiedPair:
         RGB, enhanced: texture.
     left_matching, right_matching : (H, W) uint8
         What the matcher sees.
-    valid_left, valid_right : (H, W) bool
-        Where the rectified image shows something.
     geometry : StereoGeometry
     quality : RectificationQuality
-    disparity_range : (int, int) or None
-        Inclusive limits that hold the tie points' disparities with a margin, px; None: not known.
+    valid_left, valid_right : Window or None
+        Where the rectified image shows something; None: everywhere.
     stamp_ns, frame_id
         As in `StereoPair`.
     """
@@ -264,11 +285,10 @@ class RectifiedPair:
     right: ByteImage
     left_matching: ByteImage
     right_matching: ByteImage
-    valid_left: Mask
-    valid_right: Mask
     geometry: StereoGeometry
     quality: RectificationQuality
-    disparity_range: tuple[int, int] | None = None
+    valid_left: Window | None = None
+    valid_right: Window | None = None
     stamp_ns: int = 0
     frame_id: str = ""
 
