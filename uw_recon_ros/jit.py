@@ -1,0 +1,136 @@
+"""Compiled kernels: numba with a cache that works wherever the package is installed. Import numba from nowhere else.
+
+Where the machine code is kept: ``$NUMBA_CACHE_DIR`` if it can be written, else the user's cache directory, else a
+private directory among the temporary files, else nowhere. Inside, every package folder has a directory named by a
+digest of its sources: numba itself looks only at the file a function stands in and would keep calling the old version
+of a kernel imported from another file; and processes that start at once never meet half-written or outdated code.
+
+Rules for kernels
+-----------------
+- Call each with arguments of one set of types only. (Two processes that compile different signatures of one function at
+  the same moment may overwrite each other's cache entry.)
+- They release the GIL and never use ``parallel=True``: numba's default threading layer aborts the process when two
+  Python threads enter it.
+- A kernel may call kernels of its own package folder only.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import stat
+import tempfile
+import threading
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar, overload
+
+P = ParamSpec("P")
+R = TypeVar("R")
+_lock = threading.Lock()
+
+
+def _writable(directory: Path) -> bool:
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=directory):
+            return True
+    except OSError:
+        return False
+
+
+def _user_cache() -> Path:
+    base = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
+    return Path(base) / "uw_recon_ros" / "numba"
+
+
+def _temporary_cache() -> Path | None:
+    """A directory that only this user can write: cached code is run, so nobody else may put it there."""
+    try:
+        shared = Path(tempfile.gettempdir()) / f"uw_recon_ros-numba-{os.getuid()}"
+        shared.mkdir(mode=0o700, exist_ok=True)
+        status = shared.lstat()
+        private = stat.S_ISDIR(status.st_mode) and status.st_uid == os.getuid() and not status.st_mode & 0o022
+        return shared if private and _writable(shared) else Path(tempfile.mkdtemp(prefix="uw_recon_ros-numba-"))
+    except OSError:
+        return None
+
+
+def _find_cache() -> Path | None:
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    for directory in ([Path(given).absolute()] if given else []) + [_user_cache()]:
+        if directory.is_absolute() and _writable(directory):
+            return directory
+    return _temporary_cache()
+
+
+#: Where machine code is kept; None: nowhere, every process compiles afresh.
+CACHE_DIRECTORY = _find_cache()
+if CACHE_DIRECTORY is not None:
+    os.environ["NUMBA_CACHE_DIR"] = str(CACHE_DIRECTORY)
+
+import numba  # noqa: E402  (reads the environment when first imported)
+
+_digests: dict[Path, str] = {}
+
+
+def _digest(folder: Path) -> str:
+    """Of all sources in `folder`."""
+    if folder not in _digests:
+        hasher = hashlib.sha256(version("numba").encode())
+        for source in sorted(folder.glob("*.py")):
+            hasher.update(source.name.encode() + b"\0" + source.read_bytes() + b"\0")
+        _digests[folder] = hasher.hexdigest()[:16]
+    return _digests[folder]
+
+
+def _cache_for(function: Callable[..., Any]) -> Path | None:
+    """Cache directory of `function`'s package folder; None where it cannot be made."""
+    source = Path(function.__code__.co_filename)
+    if CACHE_DIRECTORY is None or not source.is_file():
+        return None
+    directory = CACHE_DIRECTORY / f"{source.parent.name}-{_digest(source.parent)}"
+    return directory if _writable(directory) else None
+
+
+@overload
+def kernel(function: Callable[P, R]) -> Callable[P, R]: ...
+@overload
+def kernel(*, fastmath: bool = False, inline: bool = False) -> Callable[[Callable[P, R]], Callable[P, R]]: ...
+def kernel(function: Callable[..., Any] | None = None, *, fastmath: bool = False, inline: bool = False) -> Any:
+    """Compile a function to machine code when first called: no GIL, no bounds checks, cached on disk.
+
+    Used bare (``@kernel``) or with options (``@kernel(fastmath=True)``).
+
+    Parameters
+    ----------
+    function : callable
+        Written in the subset of Python that numba compiles. It keeps its static type; the Python original is its
+        ``py_func``.
+    fastmath : bool
+        Allow sums to be reordered: faster, but bits then depend on the machine.
+    inline : bool
+        Paste the body into the calling kernel before compilation.
+
+    Returns
+    -------
+    callable
+        Of the same signature. Division by zero gives inf or NaN, as in numpy.
+    """
+    if function is None:
+        return lambda decorated: _compile(decorated, fastmath, inline)
+    return _compile(function, fastmath, inline)
+
+
+def _compile(function: Callable[..., Any], fastmath: bool, inline: bool) -> Any:
+    options: dict[str, Any] = {"nogil": True, "boundscheck": False, "error_model": "numpy", "fastmath": fastmath}
+    if inline:
+        options["inline"] = "always"
+    with _lock:
+        directory, before = _cache_for(function), numba.config.CACHE_DIR
+        numba.config.CACHE_DIR = str(directory or "")
+        try:
+            return numba.njit(function, cache=directory is not None, **options)
+        finally:
+            numba.config.CACHE_DIR = before
