@@ -1,0 +1,73 @@
+"""All metadata, for colcon (ament_python) and pip alike; pyproject.toml holds the build system and tools only."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+NAME = "uw_recon_ros"
+NODES = ["preprocess_node", "rectify_node", "disparity_node", "point_cloud_node", "pipeline_node", "bag_player_node"]
+MESSAGES = ["sensor-msgs", "stereo-msgs", "diagnostic-msgs", "std-srvs", "visualization-msgs", "rosgraph-msgs"]
+TEST = ["pytest>=7.4", "pytest-xdist>=3", "pytest-timeout>=2.1", "hypothesis>=6.80", "psutil>=5.9"]
+
+
+def ros_wheels(distro: str) -> list[str]:
+    """Return the wheels that stand in for an installed ROS 2."""
+    return [f"ros-{distro}-{name}" for name in ["rclpy", "rmw-fastrtps-cpp", *MESSAGES]]
+
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="Underwater stereo reconstruction as a ROS 2 node graph",
+    long_description=open("README.md", encoding="utf-8").read(),
+    long_description_content_type="text/markdown",
+    author="The uw_recon_ros maintainers",
+    author_email="maintainers@users.noreply.example",
+    license="Apache-2.0",
+    classifiers=[
+        "License :: OSI Approved :: Apache Software License",
+        "Programming Language :: Python :: 3.10",
+        "Programming Language :: Python :: 3.11",
+        "Programming Language :: Python :: 3.12",
+        "Topic :: Scientific/Engineering :: Image Recognition",
+    ],
+    keywords=["ROS", "stereo", "underwater", "reconstruction"],
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={NAME: ["py.typed", "report/*.js", "report/*.css", "report/*.html"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        (f"share/{NAME}/launch", sorted(glob("launch/*.launch.py"))),
+        (f"share/{NAME}/config", sorted(glob("config/*"))),
+    ],
+    python_requires=">=3.10",
+    install_requires=[
+        "setuptools",
+        "numpy>=1.26",
+        "scipy>=1.11",
+        "opencv-python-headless>=4.6",
+        "PyWavelets>=1.4",
+        "rosbags>=0.10",
+        "mcap>=1.1",
+        "lz4",
+        "zstandard",
+        "numba>=0.59",
+        "trimesh>=4.0",
+        "pillow>=9",
+        "PyYAML>=6",
+        "tqdm>=4.60",
+    ],
+    extras_require={
+        "ros-jazzy": ros_wheels("jazzy"),
+        "ros-kilted": ros_wheels("kilted"),
+        "test": TEST,
+        "dev": [*TEST, "ruff>=0.6", "mypy>=1.11", "types-PyYAML", "types-tqdm"],
+    },
+    zip_safe=False,
+    entry_points={
+        "console_scripts": [
+            *(f"{node} = {NAME}.nodes.{node}:main" for node in NODES),
+            f"uw_recon = {NAME}.cli:main",
+        ]
+    },
+)

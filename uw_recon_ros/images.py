@@ -1,0 +1,217 @@
+"""Image bytes and files <-> arrays. RGB inside; OpenCV's and ROS's BGR ends here."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_recon_ros.errors import ImageError
+from uw_recon_ros.types import RawImage
+
+_MAX_SIDE = 65_536
+_BIT_DEPTHS: dict[str, np.dtype[Any]] = {"8": np.dtype(np.uint8), "16": np.dtype(np.uint16)}
+# OpenCV names a Bayer pattern after its second row and column, ROS after the first.
+_BAYER = {
+    "rggb": cv2.COLOR_BayerBG2RGB,
+    "bggr": cv2.COLOR_BayerRG2RGB,
+    "gbrg": cv2.COLOR_BayerGR2RGB,
+    "grbg": cv2.COLOR_BayerGB2RGB,
+}
+_YUV422 = {
+    "yuv422": cv2.COLOR_YUV2RGB_UYVY,
+    "uyvy": cv2.COLOR_YUV2RGB_UYVY,
+    "yuv422_yuy2": cv2.COLOR_YUV2RGB_YUY2,
+    "yuyv": cv2.COLOR_YUV2RGB_YUY2,
+}
+_COLOR_ORDER = {"rgb": [0, 1, 2], "bgr": [2, 1, 0], "rgba": [0, 1, 2], "bgra": [2, 1, 0]}
+_GENERIC = re.compile(r"(8|16)UC?(1|3|4)?")
+
+Convert = Callable[[NDArray[Any]], RawImage]
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """How one ROS encoding lies in memory and becomes mono or RGB."""
+
+    dtype: np.dtype[Any]
+    channels: int
+    convert: Convert
+
+
+def _first_channel(raw: NDArray[Any]) -> RawImage:
+    return raw[..., 0]
+
+
+def _reorder(order: list[int]) -> Convert:
+    return lambda raw: np.ascontiguousarray(raw[..., order])
+
+
+def _opencv(code: int, squeeze: bool) -> Convert:
+    return lambda raw: cv2.cvtColor(np.ascontiguousarray(raw[..., 0] if squeeze else raw), code)
+
+
+def _layout(encoding: str) -> _Layout:
+    """Interpret a name of ``sensor_msgs/image_encodings``."""
+    if encoding in _YUV422:
+        return _Layout(_BIT_DEPTHS["8"], 2, _opencv(_YUV422[encoding], squeeze=False))
+    name, bits = re.sub(r"\d+$", "", encoding), encoding[len(encoding.rstrip("0123456789")) :]
+    if bits in _BIT_DEPTHS:
+        if name == "mono":
+            return _Layout(_BIT_DEPTHS[bits], 1, _first_channel)
+        if name in _COLOR_ORDER:
+            return _Layout(_BIT_DEPTHS[bits], len(name), _reorder(_COLOR_ORDER[name]))
+        if name.removeprefix("bayer_") in _BAYER and name.startswith("bayer_"):
+            return _Layout(_BIT_DEPTHS[bits], 1, _opencv(_BAYER[name.removeprefix("bayer_")], squeeze=True))
+    generic = _GENERIC.fullmatch(encoding)
+    if generic:  # OpenCV's type names: three channels are BGR by its custom
+        channels = int(generic[2] or 1)
+        convert = _first_channel if channels == 1 else _reorder([2, 1, 0])
+        return _Layout(_BIT_DEPTHS[generic[1]], channels, convert)
+    raise ImageError(
+        "encoding: expected mono8/16, rgb8/16, bgr8/16, rgba8/16, bgra8/16, bayer_*8/16, 8UC1/3, 16UC1/3 or yuv422, "
+        f"got {encoding[:40]!r}"
+    )
+
+
+def decode_image(
+    data: Any, *, height: int, width: int, encoding: str, step: int, is_bigendian: bool | int = False
+) -> RawImage:
+    """Turn the fields of a ``sensor_msgs/Image`` into an array.
+
+    Parameters
+    ----------
+    data : bytes-like
+        ``step * height`` bytes.
+    height, width : int
+        px.
+    encoding : str
+        A name of ``sensor_msgs/image_encodings``: mono, RGB(A), BGR(A), Bayer, generic 8U/16U, or YUV 4:2:2.
+    step : int
+        Bytes from row to row, padding included.
+    is_bigendian : bool
+        Byte order of 16-bit data.
+
+    Returns
+    -------
+    (H, W) or (H, W, 3) uint8 or uint16
+        Mono, or RGB. May be a read-only view of `data`.
+
+    Raises
+    ------
+    ImageError
+        Naming the field, the expectation and what came.
+    """
+    layout = _layout(encoding)
+    if not (0 < height <= _MAX_SIDE and 0 < width <= _MAX_SIDE):
+        raise ImageError(f"image size: expected 1 to {_MAX_SIDE} px a side, got {width}x{height}")
+    row_bytes = width * layout.channels * layout.dtype.itemsize
+    if step < row_bytes:
+        raise ImageError(f"step: expected at least {row_bytes} bytes for {width} px of {encoding}, got {step}")
+    view = memoryview(data).cast("B")
+    if len(view) != step * height:
+        raise ImageError(
+            f"image data: expected step x height = {step} x {height} = {step * height} bytes, got {len(view)}"
+        )
+    if layout.channels == 2 and width % 2:
+        raise ImageError(f"width: expected an even number of px for {encoding}, got {width}")
+    rows = np.frombuffer(view, np.uint8).reshape(height, step)[:, :row_bytes]
+    if layout.dtype.itemsize == 2:
+        rows = np.ascontiguousarray(rows)
+    raw = rows.view(layout.dtype.newbyteorder(">" if is_bigendian else "<"))
+    return layout.convert(raw.astype(layout.dtype, copy=False).reshape(height, width, layout.channels))
+
+
+def decode_compressed(data: Any) -> RawImage:
+    """Decode the bytes of a ``sensor_msgs/CompressedImage`` or an image file (JPEG, PNG, TIFF ...).
+
+    Returns
+    -------
+    (H, W) or (H, W, 3) uint8 or uint16
+        Mono, or RGB.
+
+    Raises
+    ------
+    ImageError
+    """
+    encoded = np.frombuffer(memoryview(data).cast("B"), np.uint8)
+    if not encoded.size:
+        raise ImageError("compressed image: expected JPEG or PNG data, got 0 bytes")
+    try:
+        image = cv2.imdecode(encoded, cv2.IMREAD_UNCHANGED)
+    except cv2.error as error:
+        raise ImageError(f"compressed image: {encoded.size} bytes refused by the decoder: {error.err}") from error
+    if image is None:
+        raise ImageError(f"compressed image: expected JPEG or PNG data, got {encoded.size} bytes of something else")
+    if image.dtype not in (np.uint8, np.uint16):
+        raise ImageError(f"compressed image: expected 8 or 16 bits a channel, got {image.dtype}")
+    if image.ndim == 2:
+        return image
+    if image.shape[2] == 1:
+        return image[..., 0]
+    return np.ascontiguousarray(image[..., 2::-1])
+
+
+def to_gray(image: RawImage) -> RawImage:
+    """Luma (ITU-R BT.601) of an RGB image; a mono image is returned as it is.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) uint8 or uint16
+
+    Returns
+    -------
+    (H, W), same dtype
+    """
+    return image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+
+
+def read_image(path: str | Path) -> RawImage:
+    """Read an image file as mono or RGB, 8 or 16 bits.
+
+    Raises
+    ------
+    ImageError
+        It is missing, unreadable or not an image; the text names the file.
+    """
+    try:
+        return decode_compressed(Path(path).read_bytes())
+    except OSError as error:
+        raise ImageError(f"{path}: expected an image file, got: {error.strerror}") from error
+    except ImageError as error:
+        raise ImageError(f"{path}: {error}") from error
+
+
+def write_image(path: str | Path, image: RawImage) -> None:
+    """Write mono or RGB to a file, whole or not at all.
+
+    Parameters
+    ----------
+    path : path
+        Its suffix chooses the format.
+    image : (H, W) or (H, W, 3) uint8 or uint16 (float32 mono for TIFF)
+    """
+    path = Path(path)
+    swapped = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
+    done, encoded = cv2.imencode(path.suffix, swapped)
+    if not done:
+        raise ImageError(f"{path}: {image.dtype} {image.shape} cannot be written as {path.suffix}")
+    write_bytes(path, encoded.tobytes())
+
+
+def write_bytes(path: str | Path, data: bytes) -> None:
+    """Write a file whole or not at all: under a temporary name, then renamed."""
+    path = Path(path)
+    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        partial.write_bytes(data)
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
