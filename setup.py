@@ -1,6 +1,7 @@
 """All metadata, for colcon (ament_python) and pip alike; pyproject.toml holds the build system and tools only."""
 
 from glob import glob
+from pathlib import Path
 
 from setuptools import find_packages, setup
 
@@ -19,7 +20,8 @@ setup(
     name=NAME,
     version="0.1.0",
     description="Underwater stereo reconstruction as a ROS 2 node graph",
-    long_description=open("README.md", encoding="utf-8").read(),
+    # colcon --symlink-install runs a link to this file from the build folder
+    long_description=(Path(__file__).resolve().parent / "README.md").read_text(encoding="utf-8"),
     long_description_content_type="text/markdown",
     author="The uw_recon_ros maintainers",
     author_email="maintainers@users.noreply.example",

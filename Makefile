@@ -1,0 +1,42 @@
+.DEFAULT_GOAL := help
+VENV ?= .venv
+BIN := $(VENV)/bin
+SHELL := /bin/sh
+export NO_COLOR
+
+.PHONY: help demo test test-fast lint format bench docs bags warmup clean
+
+help:  ## what can be made
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+$(VENV)/.ready: setup.py tools/make_venv.sh
+	@tools/make_venv.sh $(VENV) dev
+
+demo: $(VENV)/.ready  ## replay the sample bag through the nodes; leaves demo_out/index.html
+	@$(BIN)/python demo/run_demo.py --output demo_out
+
+test: $(VENV)/.ready  ## all tests
+	$(BIN)/python -m pytest -n 2 --dist loadgroup
+
+test-fast: $(VENV)/.ready  ## tests without the slow ones and the process graph
+	$(BIN)/python -m pytest -n 2 -m "not slow and not graph"
+
+lint: $(VENV)/.ready  ## ruff and mypy --strict
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+format: $(VENV)/.ready  ## let ruff format the code
+	$(BIN)/ruff format .
+
+bench: $(VENV)/.ready  ## all benchmarks; leaves bench_out/
+	$(BIN)/python test/benchmark/run_all.py --output bench_out
+
+docs: $(VENV)/.ready  ## write config/PARAMETERS.md and config/default.yaml from the code
+	$(BIN)/python tools/write_parameters.py
+
+bags: $(VENV)/.ready  ## make the sample bags anew
+	$(BIN)/python bags/make_bags.py
+
+clean:  ## remove what was made, the virtual environment included
+	rm -rf $(VENV) demo_out bench_out build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
