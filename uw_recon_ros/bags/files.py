@@ -1,0 +1,165 @@
+"""From the path a user gives to the files of a bag: folder or bare file, split, compressed, incomplete."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import yaml
+import zstandard
+
+from uw_recon_ros.bags.mcap_file import McapFile
+from uw_recon_ros.bags.mcap_index import MAGIC as MCAP_MAGIC
+from uw_recon_ros.bags.model import Storage
+from uw_recon_ros.bags.sqlite_file import SqliteFile
+from uw_recon_ros.errors import BagError
+
+_SQLITE_MAGIC = b"SQLite format 3\0"
+_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+_ROS1_MAGIC = b"#ROSBAG V"
+_SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
+
+
+@dataclass
+class BagFiles:
+    """The opened files of one bag.
+
+    Parameters
+    ----------
+    storages : list of Storage
+    compressed_messages : bool
+        Whether each message is zstd-compressed on its own.
+    damage : list of str
+        What is wrong with the folder itself.
+    temporary : TemporaryDirectory or None
+        Where compressed files were unpacked.
+    """
+
+    storages: list[Storage] = field(default_factory=list)
+    compressed_messages: bool = False
+    damage: list[str] = field(default_factory=list)
+    temporary: tempfile.TemporaryDirectory[str] | None = None
+
+    def close(self) -> None:
+        """Close the files and remove what was unpacked."""
+        for storage in self.storages:
+            storage.close()
+        if self.temporary is not None:
+            self.temporary.cleanup()
+
+
+def open_files(path: Path) -> BagFiles:
+    """Open a bag's files.
+
+    Raises
+    ------
+    BagError
+        In one line, when none of them can be read.
+    """
+    files = BagFiles()
+    try:
+        paths = _folder(path, files) if path.is_dir() else [path]
+        for file in paths:
+            _open_one(file, files, alone=len(paths) == 1)
+        if not files.storages:
+            raise BagError(f"{path}: nothing in it can be read: {'; '.join(files.damage)}")
+    except BaseException:
+        files.close()
+        raise
+    return files
+
+
+def _folder(path: Path, files: BagFiles) -> list[Path]:
+    """Files of a rosbag2 folder, in order; those that are missing are noted."""
+    there = sorted((f for f in path.iterdir() if f.name.endswith(_SUFFIXES) and f.is_file()), key=natural_order)
+    try:
+        metadata = _read_metadata(path / "metadata.yaml")
+    except BagError as error:
+        if not there:
+            raise BagError(f"{path}: expected a bag, got a folder without .mcap or .db3 files") from error
+        files.damage.append(str(error))
+        return there
+    files.compressed_messages = str(metadata.get("compression_mode", "")).lower() == "message"
+    named = [_find(path, str(name)) for name in metadata["relative_file_paths"]]
+    files.damage += [f"{file.name}: named in metadata.yaml, not there" for file in named if not file.is_file()]
+    present = [file for file in named if file.is_file()]
+    if not present:
+        raise BagError(f"{path}: none of the {len(named)} files named in metadata.yaml is there")
+    return present
+
+
+def _find(folder: Path, name: str) -> Path:
+    """The file's last name only: a bag never leads out of its folder. A recorder that crashed names it uncompressed."""
+    file = folder / PurePosixPath(name).name
+    packed = file.with_name(file.name + ".zstd")
+    return packed if packed.is_file() and not file.is_file() else file
+
+
+def _read_metadata(path: Path) -> dict[str, Any]:
+    try:
+        metadata = yaml.safe_load(path.read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
+        if not isinstance(metadata["relative_file_paths"], list):
+            raise TypeError("relative_file_paths is not a list")
+    except OSError as error:
+        raise BagError(f"{path.name}: not there or not readable ({error.strerror})") from error
+    except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError) as error:
+        reason = " ".join(str(error).split())
+        raise BagError(f"{path.name}: not a rosbag2 description ({type(error).__name__}: {reason[:80]})") from error
+    return dict(metadata)
+
+
+def _open_one(path: Path, files: BagFiles, alone: bool) -> None:
+    """Open a file; its failure is fatal only for a bag of one file."""
+    try:
+        storage = _by_content(path, files)
+    except BagError as error:
+        if alone:
+            raise
+        files.damage.append(str(error))
+    else:
+        files.storages.append(storage)
+
+
+def _by_content(path: Path, files: BagFiles) -> Storage:
+    name = path.name
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(16)
+        if head.startswith(_ZSTD_MAGIC):
+            path = _unpack(path, files)
+            with path.open("rb") as stream:
+                head = stream.read(16)
+        if head.startswith(MCAP_MAGIC):
+            return McapFile(path, name)
+        if head.startswith(_SQLITE_MAGIC):
+            return SqliteFile(path, name)
+    except OSError as error:
+        raise BagError(f"{path}: expected a bag, cannot be read: {error.strerror or error}") from error
+    if head.startswith(_ROS1_MAGIC):
+        raise BagError(f"{path}: expected a ROS 2 bag, got a ROS 1 bag (convert it with rosbags-convert)")
+    raise BagError(f"{path}: expected an MCAP or SQLite bag, got {_describe(head)}")
+
+
+def _describe(head: bytes) -> str:
+    return f"a file that begins with {head[:8]!r}" if head else "an empty file"
+
+
+def _unpack(path: Path, files: BagFiles) -> Path:
+    """Decompress a file to a temporary one, as far as it goes."""
+    if files.temporary is None:
+        files.temporary = tempfile.TemporaryDirectory(prefix="uw_recon_ros-bag-")
+    unpacked = Path(files.temporary.name) / f"{len(files.storages)}-{len(files.damage)}"
+    with path.open("rb") as packed, unpacked.open("wb") as target:
+        try:
+            zstandard.ZstdDecompressor().copy_stream(packed, target)
+        except zstandard.ZstdError as error:
+            files.damage.append(f"{path.name}: compressed file damaged ({error}): what follows is lost")
+    return unpacked
+
+
+def natural_order(path: Path) -> list[tuple[int, str]]:
+    """Sort key that counts as people do: frame_2 before frame_10."""
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"([0-9]+)", path.name)]

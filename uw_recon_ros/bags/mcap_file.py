@@ -1,0 +1,132 @@
+"""An MCAP file, indexed or not, whole or damaged, read in log-time order with bounded memory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+from mcap.opcode import Opcode
+
+from uw_recon_ros.bags import mcap_chunk, mcap_index
+from uw_recon_ros.bags.mcap_chunk import DAMAGE
+from uw_recon_ros.bags.mcap_index import MAGIC, Block, Index
+from uw_recon_ros.bags.merge import merge_by_time
+from uw_recon_ros.bags.model import RawMessage, TopicInfo, merge_topics, parse_qos
+from uw_recon_ros.errors import BagError
+
+
+class McapFile:
+    """One MCAP file. See `uw_recon_ros.bags.model.Storage`.
+
+    Parameters
+    ----------
+    path : path
+    name : str
+        What damage reports call it.
+
+    Attributes
+    ----------
+    damage : list of str
+        What could not be read so far; grows while messages are read.
+    """
+
+    def __init__(self, path: Path, name: str) -> None:
+        self.damage: list[str] = []
+        self._name = name
+        self._stream = path.open("rb")
+        try:
+            self._index = self._find_index(path.stat().st_size)
+        except BaseException:
+            self._stream.close()
+            raise
+
+    def _find_index(self, size: int) -> Index:
+        if self._stream.read(len(MAGIC)) != MAGIC:
+            raise BagError(f"{self._name}: expected an MCAP file, its first bytes are others")
+        return mcap_index.read_summary(self._stream, size) or mcap_index.scan(self._stream, size, self._note)
+
+    def _note(self, sentence: str) -> None:
+        text = f"{self._name}: {sentence}"
+        if text not in self.damage:
+            self.damage.append(text)
+
+    @property
+    def topics(self) -> list[TopicInfo]:
+        """Topics in ROS 2's own serialisation; others are reported as damage."""
+        topics = []
+        for number, channel in self._index.channels.items():
+            schema = self._index.schemas.get(channel.schema_id)
+            if channel.message_encoding != "cdr" or schema is None:
+                self._note(f"topic {channel.topic} is left out: {channel.message_encoding or 'unknown'} is not CDR")
+                continue
+            qos = parse_qos(channel.metadata.get("offered_qos_profiles", ""))
+            topics.append(TopicInfo(channel.topic, _type_name(schema.name), self._index.counts[number], qos))
+        return merge_topics([topics])
+
+    @property
+    def span(self) -> tuple[int, int] | None:
+        """First and last log time, ns."""
+        return self._index.span
+
+    def messages(self, topics: frozenset[str] | None) -> Iterator[RawMessage]:
+        """Messages in log-time order; those in damaged places are left out and reported."""
+        wanted = self._wanted(topics)
+        chunks = [
+            (block.start_ns, partial(self._chunk, block, wanted))
+            for block in self._index.chunks
+            if not block.channels or block.channels & wanted.keys()
+        ]
+        loose = sorted((b for b in self._index.loose if b.channels & wanted.keys()), key=lambda block: block.start_ns)
+        if loose:
+            chunks.append((loose[0].start_ns, partial(self._loose, loose, wanted)))
+        return merge_by_time(chunks)
+
+    def _wanted(self, topics: frozenset[str] | None) -> dict[int, tuple[str, str]]:
+        """Topic and type of the channels to be read."""
+        known = {topic.name for topic in self.topics}
+        return {
+            number: (channel.topic, _type_name(self._index.schemas[channel.schema_id].name))
+            for number, channel in self._index.channels.items()
+            if channel.topic in known and (topics is None or channel.topic in topics)
+            and channel.message_encoding == "cdr" and channel.schema_id in self._index.schemas
+        }  # fmt: skip
+
+    def _content(self, block: Block) -> bytes:
+        self._stream.seek(block.offset)
+        return self._stream.read(block.length)
+
+    def _chunk(self, block: Block, wanted: dict[int, tuple[str, str]]) -> Iterator[RawMessage]:
+        found: list[RawMessage] = []
+        try:
+            content = self._content(block)
+            inside = mcap_chunk.inflate_rest(content) if block.partial else mcap_chunk.inflate(content)
+            for opcode, record in mcap_chunk.records(inside):
+                if opcode == Opcode.MESSAGE:
+                    found += self._message(record, wanted)
+        except DAMAGE as error:
+            if not block.partial:
+                self._note(mcap_chunk.loss(block.offset, error))
+        found.sort(key=lambda message: message.stamp_ns)
+        return iter(found)
+
+    def _loose(self, blocks: list[Block], wanted: dict[int, tuple[str, str]]) -> Iterator[RawMessage]:
+        for block in blocks:
+            yield from self._message(memoryview(self._content(block)), wanted)
+
+    def _message(self, record: memoryview, wanted: dict[int, tuple[str, str]]) -> list[RawMessage]:
+        channel, log_time = mcap_chunk.message_header(record)
+        if channel not in wanted:
+            return []
+        topic, type_name = wanted[channel]
+        return [RawMessage(topic, type_name, log_time, bytes(record[mcap_chunk.MESSAGE_HEADER :]))]
+
+    def close(self) -> None:
+        """Release the file."""
+        self._stream.close()
+
+
+def _type_name(schema_name: str) -> str:
+    """``sensor_msgs/Image`` is what some writers call ``sensor_msgs/msg/Image``."""
+    package, _, name = schema_name.partition("/")
+    return schema_name if "/" in name or not name else f"{package}/msg/{name}"

@@ -1,0 +1,157 @@
+"""An SQLite rosbag2 file (``.db3``), whole or damaged."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+from uw_recon_ros.bags.model import RawMessage, TopicInfo, merge_topics, parse_qos
+from uw_recon_ros.errors import BagError
+
+_PATIENCE = 1000  # unreadable rows in a row before the rest is given up
+
+
+class SqliteFile:
+    """One SQLite file. See `uw_recon_ros.bags.model.Storage`.
+
+    Parameters
+    ----------
+    path : path
+    name : str
+        What damage reports call it.
+
+    Attributes
+    ----------
+    damage : list of str
+        What could not be read so far; grows while messages are read.
+    """
+
+    def __init__(self, path: Path, name: str) -> None:
+        self.damage: list[str] = []
+        self._name = name
+        self._size = path.stat().st_size
+        self._logged = _write_ahead_log(path)
+        self._database = _connect(path, self._logged)
+        try:
+            self._channels = self._read_topics()
+            self._summarise()
+        except sqlite3.Error as error:
+            self._database.close()
+            raise BagError(f"{name}: expected a rosbag2 database, got: {error}") from error
+
+    def _note(self, sentence: str) -> None:
+        text = f"{self._name}: {sentence}"
+        if text not in self.damage:
+            self.damage.append(text)
+
+    def _read_topics(self) -> dict[int, TopicInfo]:
+        """Channels by their number, not counted yet."""
+        names = [row[1] for row in self._database.execute("PRAGMA table_info(topics)")]
+        qos = "offered_qos_profiles" if "offered_qos_profiles" in names else "''"
+        channels = {}
+        for number, name, kind, form, profiles in self._database.execute(
+            f"SELECT id, name, type, serialization_format, {qos} FROM topics ORDER BY id"
+        ):
+            if form == "cdr":
+                channels[number] = TopicInfo(name, kind, 0, parse_qos(profiles))
+            else:
+                self._note(f"topic {name} is left out: {form} is not CDR")
+        return channels
+
+    def _summarise(self) -> None:
+        """Count messages; a damaged file is walked through."""
+        self._counts = dict.fromkeys(self._channels, 0)
+        self._span: tuple[int, int] | None = None
+        self._rescued: list[tuple[int, int]] | None = None
+        try:
+            self._check_size()
+            self._counts.update(self._database.execute("SELECT topic_id, count(*) FROM messages GROUP BY topic_id"))
+            start, end = self._database.execute("SELECT min(timestamp), max(timestamp) FROM messages").fetchone()
+            self._span = None if start is None else (start, end)
+        except sqlite3.Error as error:
+            self._rescue(str(error))
+
+    def _check_size(self) -> None:
+        (pages,) = self._database.execute("PRAGMA page_count").fetchone()
+        (page_size,) = self._database.execute("PRAGMA page_size").fetchone()
+        if self._size < pages * page_size and not self._logged:
+            raise sqlite3.DatabaseError(f"cut short: {self._size} of {pages * page_size} bytes")
+
+    def _rescue(self, reason: str) -> None:
+        """Try row after row, in the order they were written; note which can be read."""
+        self._counts = dict.fromkeys(self._channels, 0)
+        self._rescued = []
+        number = misses = 0
+        while misses < _PATIENCE:
+            number += 1
+            row = self._row(number)
+            misses = 0 if row else misses + 1
+            if row and row[0] in self._channels:
+                self._counts[row[0]] += 1
+                self._rescued.append((row[1], number))
+        self._rescued.sort()
+        self._span = (self._rescued[0][0], self._rescued[-1][0]) if self._rescued else None
+        self._note(f"damaged ({reason}): {len(self._rescued)} messages can be read")
+
+    def _row(self, number: int) -> tuple[int, int, bytes] | None:
+        with suppress(sqlite3.Error):
+            query = "SELECT topic_id, timestamp, data FROM messages WHERE id = ?"
+            row: tuple[int, int, bytes] | None = self._database.execute(query, (number,)).fetchone()
+            return row
+        return None
+
+    @property
+    def topics(self) -> list[TopicInfo]:
+        """Topics in ROS 2's own serialisation; others are reported as damage."""
+        counted = [TopicInfo(t.name, t.type, self._counts[n], t.qos) for n, t in self._channels.items()]
+        return merge_topics([counted])
+
+    @property
+    def span(self) -> tuple[int, int] | None:
+        """First and last log time, ns."""
+        return self._span
+
+    def messages(self, topics: frozenset[str] | None) -> Iterator[RawMessage]:
+        """Messages in log-time order; those in damaged places are left out and reported."""
+        wanted = {n: t for n, t in self._channels.items() if topics is None or t.name in topics}
+        done: set[int] = set()
+        if self._rescued is None:
+            try:
+                for number, channel, stamp, data in self._rows_in_order(wanted):
+                    yield _message(wanted, channel, stamp, data)
+                    done.add(number)
+            except sqlite3.Error as error:
+                self._rescue(str(error))
+        for _, number in self._rescued or ():
+            row_again = None if number in done else self._row(number)
+            if row_again and row_again[0] in wanted:
+                yield _message(wanted, *row_again)
+
+    def _rows_in_order(self, wanted: dict[int, TopicInfo]) -> Iterator[tuple[int, int, int, bytes]]:
+        marks = ",".join("?" * len(wanted))
+        return self._database.execute(
+            f"SELECT id, topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) ORDER BY timestamp, id",
+            list(wanted),
+        )
+
+    def close(self) -> None:
+        """Release the file."""
+        self._database.close()
+
+
+def _message(channels: dict[int, TopicInfo], number: int, stamp_ns: int, data: bytes) -> RawMessage:
+    return RawMessage(channels[number].name, channels[number].type, stamp_ns, bytes(data))
+
+
+def _write_ahead_log(path: Path) -> bool:
+    """Whether a recorder that crashed left its log beside the file."""
+    log = path.with_name(path.name + "-wal")
+    return log.exists() and log.stat().st_size > 0
+
+
+def _connect(path: Path, logged: bool) -> sqlite3.Connection:
+    """Open for reading; a file without a log is certain not to change, so that a read-only disk will do."""
+    mode = "mode=ro" if logged else "immutable=1"
+    return sqlite3.connect(f"{path.absolute().as_uri()}?{mode}", uri=True, check_same_thread=False)
