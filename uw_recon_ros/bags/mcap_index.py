@@ -67,6 +67,12 @@ class Index:
             channel = Channel.read(stream)
             self.channels[channel.id] = channel
 
+    @property
+    def names_all_topics(self) -> bool:
+        """Whether no topic or type is left to be found inside the chunks."""
+        types = {channel.schema_id for channel in self.channels.values()}
+        return self.counts.keys() <= self.channels.keys() and types <= self.schemas.keys() | {0}
+
     def count(self, channel: int, log_time: int) -> None:
         """Note a message."""
         self.counts[channel] += 1
@@ -101,7 +107,7 @@ def _checked_summary(stream: BinaryIO, size: int) -> Index | None:
     index, statistics = _parse_summary(summary)
     if statistics is None or statistics.chunk_count != len(index.chunks):
         return None
-    if statistics.message_count and not index.chunks:
+    if (statistics.message_count and not index.chunks) or not index.names_all_topics:
         return None
     fits = all(_is_chunk(stream, block, start) for block in index.chunks)
     return index if fits else None

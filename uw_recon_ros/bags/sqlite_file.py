@@ -32,8 +32,9 @@ class SqliteFile:
         self.damage: list[str] = []
         self._name = name
         self._size = path.stat().st_size
-        self._logged = _write_ahead_log(path)
-        self._database = _connect(path, self._logged)
+        with path.open("rb") as stream:
+            self._pages = int.from_bytes(stream.read(32)[28:], "big")
+        self._database = _connect(path)
         try:
             self._channels = self._read_topics()
             self._summarise()
@@ -74,10 +75,9 @@ class SqliteFile:
             self._rescue(str(error))
 
     def _check_size(self) -> None:
-        (pages,) = self._database.execute("PRAGMA page_count").fetchone()
         (page_size,) = self._database.execute("PRAGMA page_size").fetchone()
-        if self._size < pages * page_size and not self._logged:
-            raise sqlite3.DatabaseError(f"cut short: {self._size} of {pages * page_size} bytes")
+        if self._size < self._pages * page_size:
+            raise sqlite3.DatabaseError(f"cut short: {self._size} of {self._pages * page_size} bytes")
 
     def _rescue(self, reason: str) -> None:
         """Try row after row, in the order they were written; note which can be read."""
@@ -145,13 +145,10 @@ def _message(channels: dict[int, TopicInfo], number: int, stamp_ns: int, data: b
     return RawMessage(channels[number].name, channels[number].type, stamp_ns, bytes(data))
 
 
-def _write_ahead_log(path: Path) -> bool:
-    """Whether a recorder that crashed left its log beside the file."""
+def _connect(path: Path) -> sqlite3.Connection:
+    """Open for reading; with the write-ahead log a crashed recorder left beside the file, if there is one."""
     log = path.with_name(path.name + "-wal")
-    return log.exists() and log.stat().st_size > 0
-
-
-def _connect(path: Path, logged: bool) -> sqlite3.Connection:
-    """Open for reading; a file without a log is certain not to change, so that a read-only disk will do."""
-    mode = "mode=ro" if logged else "immutable=1"
-    return sqlite3.connect(f"{path.absolute().as_uri()}?{mode}", uri=True, check_same_thread=False)
+    mode = "mode=ro" if log.exists() and log.stat().st_size else "immutable=1"
+    database = sqlite3.connect(f"{path.absolute().as_uri()}?{mode}", uri=True, check_same_thread=False)
+    database.execute("PRAGMA writable_schema=ON")  # else a file cut short is refused as a whole; nothing is written
+    return database
