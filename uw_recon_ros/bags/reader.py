@@ -39,16 +39,17 @@ class BagReader:
         spans = [storage.span for storage in storages if storage.span is not None]
         self.start_ns = min((start for start, _ in spans), default=0)
         self.end_ns = max((end for _, end in spans), default=0)
-        self._notes: dict[str, None] = {}
+        self.notes: dict[str, None] = {}
 
     @property
     def damage(self) -> list[str]:
         """What could not be read, a sentence each; grows while messages are read."""
         of_files = [sentence for storage in self._files.storages for sentence in storage.damage]
-        return [*self._files.damage, *of_files, *self._notes]
+        return [*self._files.damage, *of_files, *self.notes]
 
-    def _note(self, sentence: str) -> None:
-        self._notes.setdefault(sentence)
+    def note(self, sentence: str) -> None:
+        """Add a sentence to `damage`."""
+        self.notes.setdefault(sentence)
 
     def raw_messages(self, topics: Iterable[str] | None = None) -> Iterator[RawMessage]:
         """Messages as recorded, in log-time order over all files of the bag.
@@ -73,7 +74,7 @@ class BagReader:
             try:
                 data = decompressor.decompress(message.data)
             except (zstandard.ZstdError, MemoryError) as error:
-                self._note(f"{message.topic}: a compressed message at {message.stamp_ns} ns is damaged ({error})")
+                self.note(f"{message.topic}: a compressed message at {message.stamp_ns} ns is damaged ({error})")
             else:
                 yield RawMessage(message.topic, message.type, message.stamp_ns, data)
 
@@ -83,7 +84,7 @@ class BagReader:
             try:
                 decoded = messages.decode(raw)
             except BagError as error:
-                self._note(str(error))
+                self.note(str(error))
             else:
                 yield raw, decoded
 
@@ -120,7 +121,7 @@ class BagReader:
         topics = self.stereo_topics(left, right)
         infos = self._first_infos(topics)
         wanted = [name for name in (topics.left, topics.right, topics.left_info, topics.right_info) if name]
-        pairs = pair_messages(self.raw_messages(wanted), topics, tolerance_ns, self._note, infos)
+        pairs = pair_messages(self.raw_messages(wanted), topics, tolerance_ns, self.note, infos)
         return self._decoded_pairs(pairs, infos, calibration)
 
     def _first_infos(self, topics: StereoTopics) -> tuple[CameraInfoCache, CameraInfoCache]:
@@ -136,7 +137,7 @@ class BagReader:
         try:
             action()
         except BagError as error:
-            self._note(str(error))
+            self.note(str(error))
 
     def _decoded_pairs(
         self,
@@ -150,7 +151,7 @@ class BagReader:
             try:
                 pair = make_pair(left, right, given or own)
             except ReconError as error:
-                self._note(f"pair at {messages.stamp_ns(left)} ns left out: {error}")
+                self.note(f"pair at {messages.stamp_ns(left)} ns left out: {error}")
             else:
                 yield pair
 

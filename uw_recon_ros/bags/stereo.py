@@ -109,12 +109,28 @@ def _fit(left: TopicInfo, right: TopicInfo) -> bool:
 
 
 class CameraInfoCache:
-    """The camera a stream of CameraInfo messages describes, decoded again only when it changes."""
+    """The camera a stream of CameraInfo messages describes, decoded again only when it changes.
+
+    Attributes
+    ----------
+    camera : CameraModel or None
+        None before the first message and when the last one is no calibration.
+    problem : CalibrationError or None
+        Why the last one is none.
+    changes : int
+        How often the content changed; -1 before the first message.
+    """
 
     def __init__(self) -> None:
         self.camera: CameraModel | None = None
         self.problem: CalibrationError | None = None
+        self.changes = -1
         self._seen: bytes | None = None
+
+    @property
+    def seen(self) -> bool:
+        """Whether there was any message."""
+        return self._seen is not None
 
     def update(self, message: RawMessage) -> None:
         """Take a message; one that says "not calibrated" leaves no camera."""
@@ -122,6 +138,7 @@ class CameraInfoCache:
         if without_stamp == self._seen:
             return
         self._seen = without_stamp
+        self.changes += 1
         self.camera = self.problem = None
         try:
             self.camera = camera_from_info(messages.decode(message))

@@ -1,0 +1,130 @@
+"""What an inspection of a bag finds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from uw_recon_ros.bags.model import TopicInfo
+
+CalibrationState = Literal["none", "zero", "inconsistent", "consistent", "metric"]
+
+
+@dataclass
+class EyeInfo:
+    """The images of one eye.
+
+    Parameters
+    ----------
+    topic : str
+    info_topic : str or None
+        Its CameraInfo.
+    stamps_ns : list of int
+        Header stamps as recorded.
+    frame_id, encoding : str
+        Of the first image; a CompressedImage's format.
+    width, height : int
+        Of the first image, px; 0 when it cannot be decoded.
+    odd : int
+        Images of another size or encoding than the first.
+    problem : str
+        Why the first image cannot be decoded; empty when it can.
+    """
+
+    topic: str
+    info_topic: str | None
+    stamps_ns: list[int] = field(default_factory=list, repr=False)
+    frame_id: str = ""
+    encoding: str = ""
+    width: int = 0
+    height: int = 0
+    odd: int = 0
+    problem: str = ""
+
+    @property
+    def backwards(self) -> int:
+        """How many stamps are older than the one before."""
+        return int((np.diff(np.array(self.stamps_ns, np.int64)) < 0).sum())
+
+
+@dataclass(frozen=True)
+class BagInfo:
+    """What `bag_info` found.
+
+    Parameters
+    ----------
+    path : str
+    start_ns, end_ns : int
+        First and last log time.
+    topics : tuple of TopicInfo
+    left, right : EyeInfo or None
+        None when the bag has no stereo pair.
+    pairs : int
+        Left and right images of one stamp.
+    rate_hz : float
+        Of the pairs, from the median interval; NaN with fewer than two.
+    largest_gap_s : float
+        Longest time between pairs; NaN with fewer than two.
+    gaps : int
+        Intervals of more than 2.5 times the median.
+    stamp_offset_s : float
+        Median distance from a left stamp to the nearest right one; NaN without images.
+    calibration : {'none', 'zero', 'inconsistent', 'consistent', 'metric'}
+        No CameraInfo; all zeros; contradictory; without scale; with scale.
+    baseline_m : float
+        NaN unless `calibration` is ``metric``.
+    damage : tuple of str
+        What could not be read.
+    reasons : tuple of str
+        Why it cannot be reconstructed; empty when it can.
+    warnings : tuple of str
+        What to know besides.
+    """
+
+    path: str
+    start_ns: int
+    end_ns: int
+    topics: tuple[TopicInfo, ...]
+    left: EyeInfo | None = None
+    right: EyeInfo | None = None
+    pairs: int = 0
+    rate_hz: float = float("nan")
+    largest_gap_s: float = float("nan")
+    gaps: int = 0
+    stamp_offset_s: float = float("nan")
+    calibration: CalibrationState = "none"
+    baseline_m: float = float("nan")
+    damage: tuple[str, ...] = ()
+    reasons: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def reconstructable(self) -> bool:
+        """Whether nothing speaks against it."""
+        return not self.reasons
+
+    def __str__(self) -> str:
+        """The findings as lines of text."""
+        return "\n".join(self._lines())
+
+    def _lines(self) -> Iterator[str]:
+        seconds = (self.end_ns - self.start_ns) * 1e-9
+        yield f"{self.path}: {seconds:.1f} s, {sum(topic.count for topic in self.topics)} messages"
+        width = max((len(topic.name) for topic in self.topics), default=0)
+        for topic in self.topics:
+            yield f"  {topic.name:{width}}  {topic.count:6d}  {topic.type}"
+        for name, eye in (("left", self.left), ("right", self.right)):
+            if eye is not None:
+                yield f"{name}: {eye.topic}, {len(eye.stamps_ns)} images {eye.width}x{eye.height} {eye.encoding}"
+        if self.left is not None:
+            yield f"pairs: {self.pairs} at {self.rate_hz:.2f} Hz, longest gap {self.largest_gap_s:.2f} s"
+            scale = f", baseline {self.baseline_m:.4f} m" if self.calibration == "metric" else ""
+            yield f"calibration: {self.calibration}{scale}"
+        yield from (f"damage: {sentence}" for sentence in self.damage)
+        yield from (f"warning: {sentence}" for sentence in self.warnings)
+        yield from (f"cannot be reconstructed: {sentence}" for sentence in self.reasons)
+        if self.reconstructable:
+            yield "can be reconstructed" + ("" if self.calibration == "metric" else ", scale unknown")

@@ -1,0 +1,124 @@
+"""`bag_info`: what a bag holds, and whether a surface can be reconstructed from it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from uw_recon_ros.bags import messages
+from uw_recon_ros.bags.findings import BagInfo, EyeInfo
+from uw_recon_ros.bags.model import RawMessage
+from uw_recon_ros.bags.reader import BagReader, open_bag
+from uw_recon_ros.bags.stereo import CameraInfoCache, StereoTopics
+from uw_recon_ros.bags.verdict import judge, judge_calibration
+from uw_recon_ros.errors import BagError, ReconError
+from uw_recon_ros.pairing import align
+
+
+def bag_info(path: str | Path, left: str | None = None, right: str | None = None, *, tolerance_ns: int = 0) -> BagInfo:
+    """Read a whole bag and judge it.
+
+    Parameters
+    ----------
+    path : path
+    left, right : str or None
+        Image topics; None = found by type and name.
+    tolerance_ns : int
+        Largest difference of stamps within a pair, ns.
+
+    Raises
+    ------
+    BagError
+        Nothing in it can be read, or it has no topic of a given name.
+    """
+    with open_bag(path) as bag:
+        try:
+            topics = bag.stereo_topics(left, right)
+        except BagError as error:
+            if left or right:
+                raise
+            return _without_pairs(bag, str(error))
+        return _inspect(bag, topics, tolerance_ns)
+
+
+def _without_pairs(bag: BagReader, reason: str) -> BagInfo:
+    for _ in bag.raw_messages():  # for the damage
+        pass
+    damage = tuple(bag.damage)
+    return BagInfo(str(bag.path), bag.start_ns, bag.end_ns, tuple(bag.topics), damage=damage, reasons=(reason,))
+
+
+def _inspect(bag: BagReader, topics: StereoTopics, tolerance_ns: int) -> BagInfo:
+    eyes = EyeInfo(topics.left, topics.left_info), EyeInfo(topics.right, topics.right_info)
+    infos = CameraInfoCache(), CameraInfoCache()
+    takers: dict[str, Callable[[RawMessage], None]] = {}
+    for eye, cache in zip(eyes, infos, strict=True):
+        takers[eye.topic] = _image_taker(eye)
+        if eye.info_topic:
+            takers[eye.info_topic] = cache.update
+    for raw in bag.raw_messages(takers):
+        try:
+            takers[raw.topic](raw)
+        except BagError as error:
+            bag.note(str(error))
+    numbers = _pair_numbers(eyes[0].stamps_ns, eyes[1].stamps_ns, tolerance_ns)
+    state, baseline, problem = judge_calibration(infos, (eyes[0].width, eyes[0].height))
+    found = BagInfo(
+        str(bag.path), bag.start_ns, bag.end_ns, tuple(bag.topics), *eyes, **numbers, calibration=state,
+        baseline_m=baseline, damage=tuple(bag.damage),
+    )  # fmt: skip
+    return judge(found, problem, changes=max(cache.changes for cache in infos))
+
+
+def _image_taker(eye: EyeInfo) -> Callable[[RawMessage], None]:
+    def take(raw: RawMessage) -> None:
+        image = messages.decode(raw)
+        if not eye.stamps_ns:
+            _describe_first(eye, image)
+        elif _differs(eye, image):
+            eye.odd += 1
+        eye.stamps_ns.append(messages.stamp_ns(image))
+
+    return take
+
+
+def _describe_first(eye: EyeInfo, image: Any) -> None:
+    eye.frame_id = str(image.header.frame_id)
+    eye.encoding = str(getattr(image, "encoding", "") or getattr(image, "format", ""))
+    try:
+        eye.height, eye.width = messages.image_from_message(image).shape[:2]
+    except ReconError as error:
+        eye.problem = str(error)
+
+
+def _differs(eye: EyeInfo, image: Any) -> bool:
+    if not hasattr(image, "encoding"):
+        return bool(str(image.format) != eye.encoding)
+    whole = len(image.data) == image.step * image.height
+    return not whole or (image.width, image.height, image.encoding) != (eye.width, eye.height, eye.encoding)
+
+
+def _pair_numbers(left: list[int], right: list[int], tolerance_ns: int) -> dict[str, Any]:
+    """The fields of `BagInfo` that follow from the stamps."""
+    in_order = sorted(left), sorted(right)
+    groups, _ = align(in_order, tolerance_ns)
+    intervals = np.diff(np.array([in_order[0][i] for i, _ in groups], np.int64)) * 1e-9
+    numbers: dict[str, Any] = {"pairs": len(groups), "stamp_offset_s": _nearest_offset(*in_order)}
+    if intervals.size:
+        typical = np.float64(np.median(intervals))
+        numbers["rate_hz"] = float(1.0 / typical) if typical > 0 else float("nan")
+        numbers["largest_gap_s"] = float(intervals.max())
+        numbers["gaps"] = int((intervals > 2.5 * typical).sum())
+    return numbers
+
+
+def _nearest_offset(left: list[int], right: list[int]) -> float:
+    if not left or not right:
+        return float("nan")
+    ours, theirs = np.array(left, np.int64), np.array(right, np.int64)
+    after = np.searchsorted(theirs, ours).clip(0, len(theirs) - 1)
+    before = (after - 1).clip(0)
+    return float(np.median(np.minimum(abs(theirs[after] - ours), abs(theirs[before] - ours)))) * 1e-9
