@@ -15,6 +15,8 @@ from uw_recon_ros.bags.merge import merge_by_time
 from uw_recon_ros.bags.model import RawMessage, TopicInfo, merge_topics, parse_qos
 from uw_recon_ros.errors import BagError
 
+_FOREVER = 2**64
+
 
 class McapFile:
     """One MCAP file. See `uw_recon_ros.bags.model.Storage`.
@@ -69,18 +71,26 @@ class McapFile:
         """First and last log time, ns."""
         return self._index.span
 
-    def messages(self, topics: frozenset[str] | None) -> Iterator[RawMessage]:
-        """Messages in log-time order; those in damaged places are left out and reported."""
+    def messages(self, topics: frozenset[str] | None, between: tuple[int, int] | None = None) -> Iterator[RawMessage]:
+        """Messages in log-time order; those in damaged places are left out and reported.
+
+        Chunks without a message in the time `between` are not touched.
+        """
         wanted = self._wanted(topics)
+        start, end = between or (0, _FOREVER)
         chunks = [
             (block.start_ns, partial(self._chunk, block, wanted))
             for block in self._index.chunks
-            if not block.channels or block.channels & wanted.keys()
+            if (not block.channels or block.channels & wanted.keys())
+            and block.start_ns <= end
+            and block.end_ns >= start
         ]
-        loose = sorted((b for b in self._index.loose if b.channels & wanted.keys()), key=lambda block: block.start_ns)
+        loose = [b for b in self._index.loose if b.channels & wanted.keys() and start <= b.start_ns <= end]
+        loose.sort(key=lambda block: block.start_ns)
         if loose:
             chunks.append((loose[0].start_ns, partial(self._loose, loose, wanted)))
-        return merge_by_time(chunks)
+        merged = merge_by_time(chunks)
+        return merged if between is None else (message for message in merged if start <= message.stamp_ns <= end)
 
     def _wanted(self, topics: frozenset[str] | None) -> dict[int, tuple[str, str]]:
         """Topic and type of the channels to be read."""

@@ -81,8 +81,8 @@ class Storage(Protocol):
     def span(self) -> tuple[int, int] | None:
         """First and last log time, ns; None when it holds no message."""
 
-    def messages(self, topics: frozenset[str] | None) -> Iterator[RawMessage]:
-        """In log-time order; None = all topics."""
+    def messages(self, topics: frozenset[str] | None, between: tuple[int, int] | None = None) -> Iterator[RawMessage]:
+        """In log-time order; None = all topics, all times. `between`: first and last log time, ns, inclusive."""
 
     def close(self) -> None:
         """Release the file."""

@@ -51,7 +51,9 @@ class BagReader:
         """Add a sentence to `damage`."""
         self.notes.setdefault(sentence)
 
-    def raw_messages(self, topics: Iterable[str] | None = None) -> Iterator[RawMessage]:
+    def raw_messages(
+        self, topics: Iterable[str] | None = None, between: tuple[int, int] | None = None
+    ) -> Iterator[RawMessage]:
         """Messages as recorded, in log-time order over all files of the bag.
 
         Streams: memory holds the chunks that overlap in time, however long the bag.
@@ -60,10 +62,14 @@ class BagReader:
         ----------
         topics : iterable of str or None
             Names to keep; None = all.
+        between : (int, int) or None
+            First and last log time to keep, ns; what lies outside is not even read where there is an index.
         """
         wanted = None if topics is None else frozenset(topics)
         sources = [
-            (storage.span[0], partial(storage.messages, wanted)) for storage in self._files.storages if storage.span
+            (storage.span[0], partial(storage.messages, wanted, between))
+            for storage in self._files.storages
+            if storage.span
         ]
         merged = merge_by_time(sources)
         return self._inflated(merged) if self._files.compressed_messages else merged

@@ -10,6 +10,7 @@ from pathlib import Path
 from uw_recon_ros.bags.model import RawMessage, TopicInfo, merge_topics, parse_qos
 from uw_recon_ros.errors import BagError
 
+_ALWAYS = -(2**63), 2**63 - 1
 _PATIENCE = 1000  # unreadable rows in a row before the rest is given up
 
 
@@ -113,27 +114,31 @@ class SqliteFile:
         """First and last log time, ns."""
         return self._span
 
-    def messages(self, topics: frozenset[str] | None) -> Iterator[RawMessage]:
+    def messages(self, topics: frozenset[str] | None, between: tuple[int, int] | None = None) -> Iterator[RawMessage]:
         """Messages in log-time order; those in damaged places are left out and reported."""
+        start, end = between or _ALWAYS
         wanted = {n: t for n, t in self._channels.items() if topics is None or t.name in topics}
         done: set[int] = set()
         if self._rescued is None:
             try:
-                for number, channel, stamp, data in self._rows_in_order(wanted):
+                for number, channel, stamp, data in self._rows_in_order(wanted, start, end):
                     yield _message(wanted, channel, stamp, data)
                     done.add(number)
             except sqlite3.Error as error:
                 self._rescue(str(error))
-        for _, number in self._rescued or ():
-            row_again = None if number in done else self._row(number)
+        for stamp, number in self._rescued or ():
+            row_again = None if number in done or not start <= stamp <= end else self._row(number)
             if row_again and row_again[0] in wanted:
                 yield _message(wanted, *row_again)
 
-    def _rows_in_order(self, wanted: dict[int, TopicInfo]) -> Iterator[tuple[int, int, int, bytes]]:
+    def _rows_in_order(
+        self, wanted: dict[int, TopicInfo], start: int, end: int
+    ) -> Iterator[tuple[int, int, int, bytes]]:
         marks = ",".join("?" * len(wanted))
         return self._database.execute(
-            f"SELECT id, topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) ORDER BY timestamp, id",
-            list(wanted),
+            f"SELECT id, topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) "
+            "AND timestamp BETWEEN ? AND ? ORDER BY timestamp, id",
+            [*wanted, start, end],
         )
 
     def close(self) -> None:
