@@ -1,0 +1,76 @@
+"""Spatial coherence (paper section 2.3): an edge-preserving filter of the depth map, made on disparities.
+
+In disparity the matcher's noise is the same near and far, and a plane stays a plane; in depth neither holds. The filter
+is an edge-avoiding "a trous" cascade [1]_ with a robust local plane [2]_ in place of the local mean, so that slanted
+surfaces keep their slant and their borders keep their place.
+
+References
+----------
+.. [1] H. Dammertz et al., "Edge-avoiding a-trous wavelet transform for fast global illumination filtering", HPG 2010.
+.. [2] A. E. Beaton and J. W. Tukey, "The fitting of power series, meaning polynomials", Technometrics 16, 1974.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from uw_recon_ros.reconstruct.planes import fit_planes, flat_planes
+from uw_recon_ros.reconstruct.speckles import find_speckles
+from uw_recon_ros.types import FloatImage, Mask
+
+#: Standard deviation of rounding to whole pixels: what is assumed where a matcher states none, px.
+ROUNDING_SIGMA = 1 / np.sqrt(12)
+_SIGMA_LIMITS = 0.03, 0.5  # px; a doubtful pixel must not open its window to the surface behind
+_SHRINK = 0.8  # of the bandwidth a level: what is left of the noise shrinks, what is left of the edges does not
+
+
+def smooth_disparity(disparity: FloatImage, sigma: FloatImage, *, levels: int, sigmas: float) -> FloatImage:
+    """Smooth surfaces, keep discontinuities, leave invalid pixels invalid.
+
+    Parameters
+    ----------
+    disparity : (H, W) float32
+        px; NaN = invalid.
+    sigma : (H, W) float32
+        Its standard deviation, px; where it is not a positive number, that of rounding is taken.
+    levels : int
+        Passes with sample distances 1, 2, 4, ... px. 0: unchanged.
+    sigmas : float
+        Pixels further than this many sigma from a pixel's local plane do not influence it.
+
+    Returns
+    -------
+    (H, W) float32
+        Finite exactly where `disparity` is.
+
+    Raises
+    ------
+    ValueError
+    """
+    if disparity.ndim != 2 or sigma.shape != disparity.shape:
+        raise ValueError(f"disparity, sigma: expected one (H, W) shape, got {disparity.shape} and {sigma.shape}")
+    if levels < 0 or not sigmas > 0:
+        raise ValueError(f"levels, sigmas: expected >= 0 and > 0, got {levels} and {sigmas}")
+    band = np.float32(sigmas) * plausible_sigma(sigma)
+    return _cascade(disparity, band, levels) if levels else disparity.astype(np.float32)
+
+
+def _cascade(disparity: FloatImage, band: FloatImage, levels: int) -> FloatImage:
+    """The first fit shares the finest samples with the second: before it, slopes are not known."""
+    planes = fit_planes(flat_planes(disparity), band)
+    for level in range(levels):
+        planes = fit_planes(planes, band, 2**level)
+        band = band * np.float32(_SHRINK)
+    return planes.value
+
+
+def plausible_sigma(sigma: FloatImage) -> FloatImage:
+    """`sigma` within limits, `ROUNDING_SIGMA` where it is no positive number, px."""
+    stated = np.where(sigma > 0, sigma, np.float32(ROUNDING_SIGMA))
+    return np.clip(stated, *_SIGMA_LIMITS).astype(np.float32)
+
+
+def remove_speckles(disparity: FloatImage, *, max_jump_px: float, min_area_px: int) -> tuple[FloatImage, Mask]:
+    """Set isolated pieces to NaN; see `find_speckles`. Returns the new map and what was removed."""
+    speckles = find_speckles(disparity, max_jump_px, min_area_px)
+    return np.where(speckles, np.float32(np.nan), disparity).astype(np.float32), speckles
