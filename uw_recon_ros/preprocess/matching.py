@@ -1,0 +1,132 @@
+"""What the matcher sees under the profile `matching`: less noise, contrast and edges as they were.
+
+The water takes one colour more than the others, noise remains in all: so the channels are weighed by what they tell.
+Then the wavelets of step 5, whose traces depend on where a pixel lies, are averaged over two positions, since the same
+point lies elsewhere in the other eye. Raising the contrast, as steps 4 and 7 do, raised the disparity error in every
+kind of water (``test/benchmark/preprocess_profiles.py``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_recon_ros.preprocess import wavelet
+from uw_recon_ros.preprocess.arrays import FloatArray, checked_float, checked_number
+from uw_recon_ros.preprocess.color import YCBCR_FROM_RGB
+
+_GRAY_LEVEL = 1.0 / 255.0
+_TEXTURE_LAG = 4  # px: differences at this distance are texture and noise
+_SAMPLES = 1 << 18  # pixels of an image that are looked at for that
+_BORDER = 8  # px mirrored around an image that is denoised
+
+
+def channel_weights(images: Sequence[FloatArray]) -> NDArray[np.float64]:
+    """Weights of R, G and B for the gray image of the best ratio of texture to noise.
+
+    For channels ``a_c t + n_c`` of one texture t and independent noise, the best weights are ``a_c / var(n_c)``.
+
+    Parameters
+    ----------
+    images : sequence of (H, W, 3) float32 or float64
+        Both eyes, RGB in [0, 1].
+
+    Returns
+    -------
+    (3,) float64
+        Of sum 1; those of luminance where there is no texture.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As `arrays.checked_float`; no images.
+    """
+    if not images:
+        raise ValueError("images: expected at least one, got none")
+    checked = [checked_float("images", image, shape="(H, W, 3)") for image in images]
+    planes = [[np.ascontiguousarray(image[..., channel]) for image in checked] for channel in range(3)]
+    weights = np.array([_texture_over_variance(channel) for channel in planes])
+    if not weights.any():
+        weights = YCBCR_FROM_RGB[0].copy()
+    weights /= weights.sum()
+    return weights
+
+
+def _texture_over_variance(planes: Sequence[FloatArray]) -> float:
+    step = max(2, planes[0].size // _SAMPLES)
+    rows = [(plane[:-1:step], plane[1::step]) for plane in planes]
+    diagonal = np.concatenate([np.abs(np.diff(below - above, axis=1)).ravel() for above, below in rows])
+    lagged = np.concatenate([(above[:, _TEXTURE_LAG:] - above[:, :-_TEXTURE_LAG]).ravel() for above, _ in rows])
+    if diagonal.size == 0 or lagged.size == 0:
+        return 0.0
+    noise = float(np.median(diagonal)) / (2 * 0.6745)
+    texture = 0.5 * float(np.mean(np.square(lagged))) - noise * noise
+    return float(np.sqrt(max(texture, 0.0))) / max(noise, 0.5 * _GRAY_LEVEL) ** 2
+
+
+def weighted_gray(image: FloatArray, weights: NDArray[np.float64]) -> FloatArray:
+    """Gray image of an RGB one by given weights.
+
+    Parameters
+    ----------
+    image : (H, W, 3) float32 or float64
+    weights : (3,) float64
+        As from `channel_weights`; one set for both eyes.
+
+    Returns
+    -------
+    (H, W), same dtype
+    """
+    gray: FloatArray = cv2.transform(checked_float("image", image, shape="(H, W, 3)"), weights[None])
+    return gray
+
+
+def excess_sigma(images: Sequence[FloatArray]) -> float:
+    """Noise of all images together beyond one gray level of 8 bits, in the images' unit.
+
+    Parameters
+    ----------
+    images : sequence of (H, W) float32 or float64
+        Both eyes, in [0, 1].
+    """
+    pyramids = [wavelet.decompose(_bordered(checked_float("images", image), 1), 1) for image in images]
+    return float(np.sqrt(max(wavelet.noise_sigma(pyramids) ** 2 - _GRAY_LEVEL**2, 0.0)))
+
+
+def denoise_evenly(gray: FloatArray, sigma: float, *, levels: int = 4) -> FloatArray:
+    """Remove white noise, the mean of two decompositions one pixel apart.
+
+    Parameters
+    ----------
+    gray : (H, W) float32 or float64
+    sigma : float
+        Standard deviation of the noise, image's unit; 0 returns `gray`.
+    levels : int
+        Levels to shrink.
+
+    Returns
+    -------
+    (H, W), same dtype
+    """
+    gray = checked_float("gray", gray)
+    checked_number("sigma", sigma, 0.0, np.inf)
+    if sigma == 0:
+        return gray
+    bordered = _bordered(gray, levels + 1)
+    here = wavelet.wavelet_denoise(bordered, levels, sigma)
+    beside = wavelet.wavelet_denoise(np.roll(bordered, (1, 1), (0, 1)), levels, sigma)
+    height, width = gray.shape
+    mean = here[_BORDER : _BORDER + height, _BORDER : _BORDER + width]
+    mean += beside[_BORDER + 1 : _BORDER + 1 + height, _BORDER + 1 : _BORDER + 1 + width]
+    return np.ascontiguousarray(mean * gray.dtype.type(0.5))
+
+
+def _bordered(image: FloatArray, levels: int) -> FloatArray:
+    """Mirrored by at least `_BORDER` px a side, to sizes that can be halved `levels` times."""
+    multiple = 1 << levels
+    after = [_BORDER + -(size + 2 * _BORDER) % multiple for size in image.shape]
+    bordered: FloatArray = cv2.copyMakeBorder(image, _BORDER, after[0], _BORDER, after[1], cv2.BORDER_REFLECT)
+    return bordered

@@ -1,0 +1,194 @@
+"""The preprocessing stage: from raw images to one to look at and one to match."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+
+from uw_recon_ros.params import Params, param
+from uw_recon_ros.preprocess import wavelet
+from uw_recon_ros.preprocess.color import (
+    apply_gains,
+    equalizing_gains,
+    luminance,
+    replace_luminance,
+    rgb_from_ycbcr,
+    ycbcr_from_rgb,
+)
+from uw_recon_ros.preprocess.diffusion import diffuse
+from uw_recon_ros.preprocess.extension import crop_extension, extend_symmetric
+from uw_recon_ros.preprocess.eyes import TwoThreads, checked_eyes, full_scale, unit_from_raw
+from uw_recon_ros.preprocess.homomorphic import homomorphic_filter
+from uw_recon_ros.preprocess.intensity import intensity_bounds, joint_percentiles, stretch
+from uw_recon_ros.preprocess.matching import channel_weights, denoise_evenly, excess_sigma, weighted_gray
+from uw_recon_ros.preprocess.moire import remove_moire
+from uw_recon_ros.types import ByteImage, EnhancedPair, FloatImage, StereoPair
+
+Eyes = tuple[FloatImage, FloatImage]
+
+
+@dataclass(frozen=True)
+class PreprocessParams(Params):
+    """Parameters of `Preprocess`."""
+
+    profile: str = param(
+        "matching",
+        "What the matcher sees: the paper's chain, a mild denoising, or the raw gray image.",
+        choices=("paper", "matching", "none"),
+    )
+    sensor_bits: int = param(
+        0, "Bits a pixel of a 16-bit image really has; 0: the fewest of 8, 10, 12, 14, 16 that hold it.",
+        unit="bit", low=0, high=16,
+    )  # fmt: skip
+    moire_removal: bool = param(True, "Step 1: remove single waves that run through the whole image.")
+    moire_prominence: float = param(
+        25.0, "How far a moire peak rises above the spectrum around it.", unit="dB", low=10.0, high=80.0
+    )
+    homomorphic_filtering: bool = param(True, "Step 4: even out the illumination and lift detail.")
+    homomorphic_cutoff: float = param(
+        16.0, "The paper's delta_w, per longer side of the image.", unit="cycles", low=0.1, high=1000.0
+    )
+    homomorphic_low_gain: float = param(0.5, "The paper's r_L: gain of the illumination.", low=0.0, high=1.0)
+    homomorphic_high_gain: float = param(2.5, "The paper's r_H: gain of detail.", low=1.0, high=5.0)
+    wavelet_denoising: bool = param(True, "Step 5: shrink wavelet coefficients that are noise.")
+    wavelet_levels: int = param(4, "Levels of the wavelet pyramid that are shrunk.", low=1, high=8)
+    wavelet_strength: float = param(1.0, "Factor on the noise that step 5 estimates.", low=0.0, high=5.0)
+    anisotropic_filtering: bool = param(True, "Step 6: smooth areas, keep edges.")
+    diffusion_contrast: float = param(
+        0.1, "The paper's K: differences well above it are edges; of the luminance range.", low=0.001, high=10.0
+    )
+    diffusion_rate: float = param(0.2, "The paper's lambda.", low=0.0, high=0.25)
+    diffusion_iterations: int = param(4, "Times that step 6 is repeated.", low=0, high=100)
+    intensity_clip: float = param(
+        1.0, "Step 7: share of the pixels to saturate at either end.", unit="percent", low=0.0, high=20.0
+    )
+    chroma_follows: bool = param(
+        True, "Step 8: scale the chrominance as the luminance was scaled; false: keep it, as the paper says."
+    )
+    color_equalization: bool = param(True, "Step 9: give red, green and blue one mean.")
+    color_gain_limit: float = param(8.0, "Step 9: the most that a channel is brightened.", low=1.0, high=100.0)
+    matching_strength: float = param(1.0, "Factor on the noise that the profile 'matching' removes.", low=0.0, high=5.0)
+
+
+@dataclass(frozen=True)
+class Preprocess:
+    """The paper's nine steps on a stereo pair, both eyes by the same statistics.
+
+    Parameters
+    ----------
+    params : PreprocessParams
+    """
+
+    params: PreprocessParams = field(default_factory=PreprocessParams)
+
+    def __call__(self, pair: StereoPair) -> EnhancedPair:
+        """Enhance a pair.
+
+        Parameters
+        ----------
+        pair : StereoPair
+            uint8 or uint16, mono or RGB; both eyes of one shape and dtype.
+
+        Returns
+        -------
+        EnhancedPair
+            Of the same size.
+
+        Raises
+        ------
+        ImageError
+            An image is empty, or the eyes differ in shape or dtype.
+        TypeError
+            Neither uint8 nor uint16.
+        """
+        raw = checked_eyes(pair)
+        with TwoThreads() as both:
+            unit = both(partial(unit_from_raw, full_scale=full_scale(raw, self.params.sensor_bits)), raw)
+            clean = both(self._without_moire, unit)
+            filtered = self._filtered_luminance(both, both(luminance, clean))
+            left, right = both(_bytes, self._recolored(both, clean, filtered))
+            left_matching, right_matching = both(_bytes, self._to_match(both, unit, clean, filtered))
+        return EnhancedPair(left, right, left_matching, right_matching, pair.stamp_ns, pair.frame_id, pair.calibration)
+
+    def _without_moire(self, image: FloatImage) -> FloatImage:
+        """Step 1."""
+        return remove_moire(image, prominence_db=self.params.moire_prominence) if self.params.moire_removal else image
+
+    def _filtered_luminance(self, both: TwoThreads, eyes: Eyes) -> Eyes:
+        """Steps 2 and 4 to 7, and the crop of step 8."""
+        height, width = eyes[0].shape
+        extended = both(extend_symmetric, eyes)
+        even = both(partial(self._homomorphic, longer_side=max(height, width)), extended)
+        smooth = both(self._diffused, self._in_unit_range(self._denoised(both, even), height, width))
+        cropped = both(partial(crop_extension, height=height, width=width), smooth)
+        return both(partial(stretch, bounds=intensity_bounds(cropped, self.params.intensity_clip)), cropped)
+
+    def _homomorphic(self, extended: FloatImage, longer_side: int) -> FloatImage:
+        """Step 4."""
+        p = self.params
+        if not p.homomorphic_filtering:
+            return extended
+        cutoff = p.homomorphic_cutoff * extended.shape[0] / longer_side
+        return homomorphic_filter(extended, cutoff, p.homomorphic_low_gain, p.homomorphic_high_gain)
+
+    def _denoised(self, both: TwoThreads, eyes: Eyes) -> Eyes:
+        """Step 5, with one estimate of the noise for both eyes."""
+        levels = min(self.params.wavelet_levels + 1, eyes[0].shape[0].bit_length() - 1)
+        if not self.params.wavelet_denoising or levels < 2:
+            return eyes
+        pyramids = both(partial(wavelet.decompose, levels=levels), eyes)
+        sigma = self.params.wavelet_strength * wavelet.noise_sigma(pyramids)
+        return both(wavelet.reconstruct, both(partial(wavelet.shrink, sigma=sigma), pyramids))
+
+    def _in_unit_range(self, eyes: Eyes, height: int, width: int) -> Eyes:
+        """Luminance as step 6 wants it: 1 where step 7 will saturate."""
+        cropped = [crop_extension(eye, height, width) for eye in eyes]
+        white = joint_percentiles(cropped, [100.0 - self.params.intensity_clip])[0]
+        factor = np.float32(1.0 / white if white > 0 else 1.0)
+        return eyes[0] * factor, eyes[1] * factor
+
+    def _diffused(self, extended: FloatImage) -> FloatImage:
+        """Step 6."""
+        p = self.params
+        if not p.anisotropic_filtering:
+            return extended
+        return diffuse(
+            extended, contrast=p.diffusion_contrast, rate=p.diffusion_rate, iterations=p.diffusion_iterations
+        )
+
+    def _recolored(self, both: TwoThreads, clean: Eyes, filtered: Eyes) -> Eyes:
+        """Steps 3, 8 and 9; a mono image becomes gray RGB."""
+        if clean[0].ndim == 2:
+            return both(_gray_rgb, filtered)
+        recolor = partial(_recolored, chroma_follows=self.params.chroma_follows)
+        colored = both(recolor, clean, filtered)
+        if not self.params.color_equalization:
+            return colored
+        gains = equalizing_gains(colored, max_gain=self.params.color_gain_limit)
+        return both(partial(apply_gains, gains=gains), colored)
+
+    def _to_match(self, both: TwoThreads, unit: Eyes, clean: Eyes, filtered: Eyes) -> Eyes:
+        if self.params.profile == "paper":
+            return filtered
+        if self.params.profile == "none":
+            return both(luminance, unit)
+        gray = clean
+        if clean[0].ndim == 3:
+            gray = both(partial(weighted_gray, weights=channel_weights(clean)), clean)
+        sigma = self.params.matching_strength * excess_sigma(gray)
+        return both(partial(denoise_evenly, sigma=sigma), gray)
+
+
+def _gray_rgb(luminance: FloatImage) -> FloatImage:
+    return np.repeat(luminance[..., None], 3, axis=2)
+
+
+def _recolored(rgb: FloatImage, filtered: FloatImage, chroma_follows: bool) -> FloatImage:
+    return rgb_from_ycbcr(replace_luminance(ycbcr_from_rgb(rgb), filtered, chroma_follows=chroma_follows))
+
+
+def _bytes(image: FloatImage) -> ByteImage:
+    rounded: ByteImage = (np.clip(image, 0, 1) * np.float32(255) + np.float32(0.5)).astype(np.uint8)
+    return rounded
