@@ -62,7 +62,7 @@ def test_planes_are_left_as_they_are(slope_u, slope_v, base):
 
 
 def test_valid_pixels_stay_valid_and_invalid_ones_invalid():
-    v, u = grid()
+    _, u = grid()
     truth = noisy(15 + 0.05 * u, 0.3)
     truth[np.random.default_rng(3).random(SHAPE) < 0.4] = np.nan
     truth[20:40, 20:60] = np.nan
@@ -148,5 +148,5 @@ def test_mistakes_are_named():
     image = np.ones((4, 4), np.float32)
     with pytest.raises(ValueError, match=r"expected one \(H, W\) shape, got \(4, 4\) and \(4, 5\)"):
         smooth_disparity(image, np.ones((4, 5), np.float32), levels=1, sigmas=1.0)
-    with pytest.raises(ValueError, match="got -1 and 1.0"):
+    with pytest.raises(ValueError, match=r"got -1 and 1\.0"):
         smooth_disparity(image, image, levels=-1, sigmas=1.0)
