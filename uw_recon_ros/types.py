@@ -271,8 +271,8 @@ class RectifiedPair:
     ----------
     left, right : (H, W, 3) uint8
         RGB, enhanced: texture.
-    left_matching, right_matching : (H, W) uint8
-        What the matcher sees.
+    left_matching, right_matching : (H, W) or (H, W, 3) uint8
+        What the matcher sees; RGB where colour is to be matched.
     geometry : StereoGeometry
     quality : RectificationQuality
     valid_left, valid_right : Window or None
