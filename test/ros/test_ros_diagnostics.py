@@ -1,0 +1,91 @@
+"""What a node says about itself."""
+
+from __future__ import annotations
+
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from uw_recon_ros.ros.diagnostics import SUPERSEDED, Diagnostics, Throttle
+
+
+def values(status: DiagnosticStatus) -> dict[str, str]:
+    return {pair.key: pair.value for pair in status.values}
+
+
+def test_a_node_with_nothing_to_do_is_well() -> None:
+    status = Diagnostics().tick("/node")
+    assert (status.level, status.message, status.name) == (DiagnosticStatus.OK, "idle", "/node")
+
+
+def test_rates_are_means_over_the_seconds_seen() -> None:
+    diagnostics = Diagnostics()
+    for number in (10, 20):
+        diagnostics.count("in left/image_raw", number)
+        diagnostics.count("done")
+        status = diagnostics.tick("/node")
+    assert values(status)["in left/image_raw [Hz]"] == "15.00"
+    assert status.message == "working"
+
+
+def test_old_seconds_are_forgotten() -> None:
+    diagnostics = Diagnostics()
+    diagnostics.count("in x", 1000)
+    for _ in range(11):
+        status = diagnostics.tick("/node")
+    assert values(status).get("in x [Hz]", "0.00") == "0.00"
+
+
+def test_superseded_frames_are_counted_and_no_fault() -> None:
+    diagnostics = Diagnostics()
+    diagnostics.drop(SUPERSEDED)
+    diagnostics.count("done")
+    status = diagnostics.tick("/node")
+    assert status.level == DiagnosticStatus.OK
+    assert values(status)[f"dropped: {SUPERSEDED}"] == "1"
+    assert values(status)["dropped"] == "1"
+
+
+def test_some_bad_frames_are_a_warning_and_only_bad_ones_an_error() -> None:
+    diagnostics = Diagnostics()
+    diagnostics.drop("ImageError", "left image: 3 bytes")
+    diagnostics.count("done")
+    some = diagnostics.tick("/node")
+    diagnostics.drop("ImageError", "left image: 3 bytes")
+    only = diagnostics.tick("/node")
+    assert (some.level, only.level) == (DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
+    assert only.message == "left image: 3 bytes"
+    assert values(only)["last drop"] == "left image: 3 bytes"
+    assert diagnostics.drops == {"ImageError": 2}
+
+
+def test_a_standing_problem_is_told_once_and_lasts_until_cleared() -> None:
+    told: list[tuple[str, str]] = []
+    diagnostics = Diagnostics(lambda key, text: told.append((key, text)))
+    for _ in range(3):
+        diagnostics.problem("scale", "unknown")
+        assert diagnostics.tick("/node").level == DiagnosticStatus.WARN
+    diagnostics.problem("scale", None)
+    assert diagnostics.tick("/node").level == DiagnosticStatus.OK
+    assert told == [("scale", "unknown")]
+    diagnostics.problem("scale", "unknown")
+    assert len(told) == 2
+
+
+def test_spreads_and_facts() -> None:
+    diagnostics = Diagnostics()
+    for value in (0.1, 0.3, 0.2):
+        diagnostics.measure("work [s]", value)
+    diagnostics.say(density=0.9)
+    said = values(diagnostics.tick("/node"))
+    assert said["work [s]"] == "median 0.2, max 0.3"
+    assert said["density"] == "0.9"
+
+
+def test_throttle_holds_back_equal_lines_and_says_how_many() -> None:
+    lines: list[str] = []
+    now = [0.0]
+    throttle = Throttle(lines.append, 10.0, lambda: now[0])
+    for seconds in (0.0, 1.0, 9.9, 10.0):
+        now[0] = seconds
+        throttle("a", f"at {seconds}")
+    throttle("b", "another")
+    assert lines == ["at 0.0", "at 10.0 (2 more like it)", "another"]

@@ -1,0 +1,132 @@
+"""`DisparityMap` <-> ``stereo_msgs/DisparityImage`` and its companions ``disparity/status`` and ``disparity/sigma``.
+
+The message's own definition is kept: its disparities are "pre-adjusted for any x-offset between the principal points",
+``d_message = d - (cx_left - cx_right)``, so that ``Z = f T / d_message`` for whoever reads it. Inside, ``d = u_left -
+u_right``; `StereoGeometry.offset_px` is the difference.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from sensor_msgs.msg import Image
+from std_msgs.msg import Header
+from stereo_msgs.msg import DisparityImage
+
+from uw_recon_ros.errors import ImageError
+from uw_recon_ros.ros.messages import (
+    float_image_from_message,
+    float_message,
+    header,
+    image_from_message,
+    mono_message,
+    stamp_ns,
+)
+from uw_recon_ros.types import ByteImage, DisparityMap, FloatImage, Status, StereoGeometry
+
+_INTEGER_STEP, _SUBPIXEL_STEP = 1.0, 1.0 / 16.0
+
+
+def disparity_message(disparity: DisparityMap) -> DisparityImage:
+    """Make the message of a disparity map; invalid pixels stay NaN."""
+    geometry, values = disparity.geometry, disparity.disparity
+    offset = np.float32(geometry.offset_px)
+    head = _head(disparity)
+    message = DisparityImage(header=head, image=float_message(values + offset if offset else values, head))
+    message.f = float(geometry.focal_px)
+    message.t = math.nan if geometry.baseline_m is None else float(geometry.baseline_m)
+    message.valid_window.height, message.valid_window.width = values.shape
+    valid = values[np.isfinite(values)]
+    # Refinement may step out of the searched integers; by definition a value under the minimum would be invalid.
+    message.min_disparity = float(valid.min(initial=disparity.min_disparity) + offset)
+    message.max_disparity = float(valid.max(initial=disparity.max_disparity) + offset)
+    message.delta_d = _INTEGER_STEP if np.array_equal(valid, np.rint(valid)) else _SUBPIXEL_STEP
+    return message
+
+
+def status_message(disparity: DisparityMap) -> Image:
+    """Make the ``disparity/status`` message: `Status` bits as ``mono8``."""
+    return mono_message(disparity.status, _head(disparity))
+
+
+def sigma_message(disparity: DisparityMap) -> Image:
+    """Make the ``disparity/sigma`` message: px as ``32FC1``."""
+    return float_message(disparity.sigma, _head(disparity))
+
+
+def _head(disparity: DisparityMap) -> Header:
+    return header(disparity.stamp_ns, disparity.frame_id)
+
+
+def disparity_from_message(
+    message: DisparityImage,
+    geometry: StereoGeometry,
+    *,
+    sigma: Image | None = None,
+    status: Image | None = None,
+    assumed_sigma_px: float = 0.5,
+) -> DisparityMap:
+    """Read a disparity image, ours or any other node's.
+
+    Parameters
+    ----------
+    message : DisparityImage
+        A value that is not finite, or under ``min_disparity``, is invalid.
+    geometry : StereoGeometry
+        Of the rectified pair.
+    sigma, status : Image or None
+        ``disparity/sigma`` and ``disparity/status`` of the same moment.
+    assumed_sigma_px : float
+        Standard deviation where there is no `sigma`, px.
+
+    Raises
+    ------
+    ImageError
+        Naming what is wrong with which of the three.
+    """
+    adjusted = float_image_from_message(message.image)
+    low, high, offset = message.min_disparity, message.max_disparity, np.float32(geometry.offset_px)
+    valid = np.isfinite(adjusted) & ((adjusted >= np.float32(low)) | (low >= high))
+    values = np.where(valid, adjusted - offset if offset else adjusted, np.float32(np.nan)).astype(np.float32)
+    return DisparityMap(
+        disparity=values,
+        sigma=_sigma(sigma, valid, assumed_sigma_px),
+        status=_status(status, valid),
+        min_disparity=math.floor(_limit(low) - offset),
+        max_disparity=math.ceil(_limit(high) - offset),
+        geometry=geometry,
+        method="received",
+        stamp_ns=stamp_ns(message),
+        frame_id=message.header.frame_id,
+    )
+
+
+def _limit(value: float) -> float:
+    """A limit that an outsider may have left at infinity."""
+    return value if math.isfinite(value) else 0.0
+
+
+def _sigma(message: Image | None, valid: NDArray[np.bool_], assumed_px: float) -> FloatImage:
+    if message is None:
+        sigma = np.full(valid.shape, assumed_px, np.float32)
+    else:
+        sigma = float_image_from_message(message)
+        _check_shape("disparity/sigma", sigma.shape, valid.shape)
+    checked: FloatImage = np.where(valid, sigma, np.float32(np.nan)).astype(np.float32)
+    return checked
+
+
+def _status(message: Image | None, valid: NDArray[np.bool_]) -> ByteImage:
+    reasons = np.zeros(valid.shape, np.uint8)
+    if message is not None:
+        reasons = image_from_message(message)
+        _check_shape("disparity/status", reasons.shape, valid.shape)
+    unexplained = np.where(reasons == 0, np.uint8(Status.OUT_OF_RANGE), reasons)
+    return np.where(valid, np.uint8(Status.VALID), unexplained).astype(np.uint8)
+
+
+def _check_shape(name: str, got: tuple[int, ...], expected: tuple[int, ...]) -> None:
+    if got != expected:
+        raise ImageError(f"{name}: expected the disparity's {expected[1]}x{expected[0]} px mono, got shape {got}")

@@ -1,0 +1,168 @@
+"""Rectified geometry <-> a pair of ``CameraInfo``.
+
+What travels: ``P[:3, :3]`` is the rectified intrinsic matrix, ``P[3] = -fx B`` of the right camera (``P[7] = -fy B``
+in a vertical rig) the baseline, and ``R`` of the left camera the rotation from its unrotated frame to the rectified
+one. ``K = P[:3, :3]`` and ``D = 0``, since the images are rectified already.
+
+An unknown baseline is NaN at its place, ``P[3]`` or ``P[7]``, which thereby still tells the rig's axis; the NaN's sign
+bit is set where the second camera lies on the other side (`StereoGeometry.baseline_sign`). Whoever computes metres from
+it gets NaN, the one spelling of "invalid". Zero in both places, as uncalibrated drivers publish it, is read as an
+unknown baseline of a horizontal rig.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from sensor_msgs.msg import CameraInfo
+from std_msgs.msg import Header
+
+from uw_recon_ros.errors import CalibrationError
+from uw_recon_ros.types import Axis, Matrix, StereoGeometry, Window
+
+_ALIKE = 1e-3  # relative difference of focal lengths that counts as equal
+_SAME_ROW_PX = 0.5  # difference of the principal points across the baseline that counts as equal
+
+
+def rectified_info(intrinsics: Matrix, size: tuple[int, int], head: Header) -> CameraInfo:
+    """Describe an ideal camera: ``D = 0``, ``R = I``, ``P = [K | 0]``.
+
+    Parameters
+    ----------
+    intrinsics : (3, 3) float64
+    size : (int, int)
+        Width and height, px.
+    head : Header
+    """
+    info = CameraInfo(header=head, width=size[0], height=size[1], distortion_model="plumb_bob")
+    info.k = intrinsics.ravel()
+    info.d = [0.0] * 5
+    info.r = np.eye(3).ravel()
+    info.p = np.hstack([intrinsics, np.zeros((3, 1))]).ravel()
+    return info
+
+
+def infos_from_geometry(geometry: StereoGeometry, size: tuple[int, int], head: Header) -> tuple[CameraInfo, CameraInfo]:
+    """Describe both rectified views.
+
+    Parameters
+    ----------
+    geometry : StereoGeometry
+    size : (int, int)
+        Width and height of either view, px.
+    head : Header
+
+    Returns
+    -------
+    left, right : CameraInfo
+    """
+    left = rectified_info(geometry.intrinsics_left, size, head)
+    left.r = np.asarray(geometry.rect_from_raw_left, np.float64).ravel()
+    along = 0 if geometry.axis == "horizontal" else 1
+    intrinsics = geometry.intrinsics_left
+    intrinsics[along, 2] = geometry.cx_right
+    right = rectified_info(intrinsics, size, head)
+    right.p[4 * along + 3] = _shift(geometry)
+    return left, right
+
+
+def _shift(geometry: StereoGeometry) -> float:
+    """``-f B``, or the NaN that stands for it."""
+    if geometry.baseline_m is None:
+        return math.copysign(math.nan, geometry.baseline_sign)
+    return -geometry.focal_px * geometry.baseline_m
+
+
+def geometry_from_infos(left: CameraInfo, right: CameraInfo) -> StereoGeometry:
+    """Read what `infos_from_geometry`, or any other rectification node, wrote.
+
+    Raises
+    ------
+    CalibrationError
+        The two are not a rectified pair; the text names the numbers.
+    """
+    p_left, p_right = _projection("left", left), _projection("right", right)
+    _check_alike(p_left, p_right)
+    axis, shift = _axis_and_shift(p_left, p_right)
+    along, across = (0, 1) if axis == "horizontal" else (1, 0)
+    if abs(p_left[across, 2] - p_right[across, 2]) > _SAME_ROW_PX:
+        raise CalibrationError(
+            f"rectified camera_info: expected one principal point across the {axis} baseline in both views, "
+            f"got {p_left[across, 2]:g} and {p_right[across, 2]:g} px"
+        )
+    if axis == "horizontal" and shift > 0:
+        raise CalibrationError(f"rectified right camera_info: P[3]: expected < 0, got {shift:g} (exchanged eyes?)")
+    focal = float(p_left[along, along])
+    unknown = math.isnan(shift) or shift == 0.0
+    return StereoGeometry(
+        focal_px=focal,
+        cx_left=float(p_left[along, 2]),
+        cx_right=float(p_right[along, 2]),
+        cy=float(p_left[across, 2]),
+        baseline_m=None if unknown else -shift / focal,
+        axis=axis,
+        baseline_sign=int(math.copysign(1.0, shift if math.isnan(shift) else -shift)) if shift else 1,
+        focal_across_px=float(p_left[across, across]),
+        rect_from_raw_left=_rotation(left),
+    )
+
+
+def _projection(eye: str, info: CameraInfo) -> Matrix:
+    p: Matrix = np.asarray(info.p, np.float64).reshape(3, 4)
+    if not (np.isfinite(p[:, :3]).all() and p[0, 0] > 0 and p[1, 1] > 0):
+        raise CalibrationError(
+            f"rectified {eye} camera_info: expected P with focal lengths > 0, got P = {p.ravel().tolist()}"
+        )
+    return p
+
+
+def _check_alike(left: Matrix, right: Matrix) -> None:
+    for axis in (0, 1):
+        a, b = left[axis, axis], right[axis, axis]
+        if abs(a - b) > _ALIKE * a:
+            raise CalibrationError(f"rectified camera_info: expected equal focal lengths in P, got {a:g} and {b:g} px")
+
+
+def _axis_and_shift(left: Matrix, right: Matrix) -> tuple[Axis, float]:
+    """Direction of the baseline, and ``-f B`` along it: finite, zero, or NaN with a sign."""
+    x, y = (float(right[i, 3] - left[i, 3] if left[i, 3] else right[i, 3]) for i in (0, 1))
+    if math.isnan(y) or (not math.isnan(x) and abs(y) > abs(x)):
+        axis, shift, other = "vertical", y, x
+    else:
+        axis, shift, other = "horizontal", x, y
+    if not math.isnan(shift) and (math.isinf(shift) or abs(other) > _ALIKE * abs(shift)):
+        raise CalibrationError(
+            f"rectified camera_info: expected a horizontal or a vertical baseline, got P[3] = {x:g}, P[7] = {y:g}"
+        )
+    return ("vertical" if axis == "vertical" else "horizontal"), shift
+
+
+def _rotation(info: CameraInfo) -> tuple[tuple[float, ...], ...]:
+    r = np.asarray(info.r, np.float64).reshape(3, 3)
+    if not r.any():  # a field left alone
+        r = np.eye(3)
+    if not np.isfinite(r).all() or np.abs(r @ r.T - np.eye(3)).max() > _ALIKE:
+        raise CalibrationError(f"rectified left camera_info: expected a rotation in R, got {r.ravel().tolist()}")
+    return tuple(tuple(float(x) for x in row) for row in r)
+
+
+def mark_window(info: CameraInfo, window: Window | None) -> None:
+    """Note in ``roi`` which part of a rectified image shows something, where that is not all of it."""
+    if window is not None:
+        info.roi.x_offset, info.roi.y_offset = window.u, window.v
+        info.roi.width, info.roi.height = window.width, window.height
+
+
+def window_from_info(info: CameraInfo) -> Window | None:
+    """Read what `mark_window` wrote."""
+    roi = info.roi
+    return Window(roi.x_offset, roi.y_offset, roi.width, roi.height) if roi.width and roi.height else None
+
+
+def check_size(info: CameraInfo, shape: tuple[int, ...]) -> None:
+    """Raise `CalibrationError` where a rectified image is not as large as its camera_info says."""
+    if (info.height, info.width) != tuple(shape[:2]):
+        raise CalibrationError(
+            f"rectified camera_info: expected the image's size {shape[1]}x{shape[0]}, got {info.width}x{info.height}"
+        )

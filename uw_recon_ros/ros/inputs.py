@@ -1,0 +1,201 @@
+"""A node's subscriptions: which topic serves an input, and what belongs together."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from rclpy.node import Node
+
+from uw_recon_ros.ros.assembly import Assembler, Group
+from uw_recon_ros.ros.diagnostics import Diagnostics
+from uw_recon_ros.ros.messages import stamp_ns
+from uw_recon_ros.ros.qos import ReliableFirst
+from uw_recon_ros.ros.stalls import why_silent, why_unpaired
+
+
+@dataclass(frozen=True)
+class Source:
+    """A topic that may serve an input."""
+
+    topic: str
+    type: Any
+
+
+@dataclass(frozen=True)
+class Input:
+    """Something a node needs.
+
+    Parameters
+    ----------
+    name : str
+        Under which a group holds its message.
+    sources : tuple of Source
+        Alternatives; the first that has a publisher is taken.
+    role : {'paired', 'optional', 'latest'}
+        ``paired``: grouped by stamp. ``optional``: the same where it has a publisher, else done without. ``latest``:
+        the newest message goes along, and is waited for where there is a publisher.
+    """
+
+    name: str
+    sources: tuple[Source, ...]
+    role: Literal["paired", "optional", "latest"] = "paired"
+
+
+@dataclass
+class _Line:
+    """The subscription of one input."""
+
+    source: Source
+    subscription: ReliableFirst
+    since: float = field(default_factory=time.monotonic)
+    last_stamp: int | None = None
+
+
+class Inputs:
+    """The subscriptions of a node, there only while it has work to do.
+
+    All methods belong to the executor's thread.
+
+    Parameters
+    ----------
+    node : Node
+    inputs : iterable of Input
+    diagnostics : Diagnostics
+    warn : callable
+        Called with a key and one line of text; expected to throttle lines of one key.
+    deliver : callable
+        Called with each complete group.
+
+    Attributes
+    ----------
+    assembler : Assembler
+    ignored : frozenset of str
+        Inputs not wanted at present.
+    accepts : callable
+        Whether a `Source` may be taken at present.
+    stall_s : float
+        Silence before a warning, s.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        inputs: Iterable[Input],
+        diagnostics: Diagnostics,
+        warn: Callable[[str, str], None],
+        deliver: Callable[[Group], None],
+    ) -> None:
+        self._node, self._inputs, self._diagnostics, self._warn = node, tuple(inputs), diagnostics, warn
+        self.assembler = Assembler(self._deliver, lambda reason, number: diagnostics.drop(reason, number=number))
+        self._downstream = deliver
+        self._lines: dict[str, _Line] = {}
+        self.active = False
+        self.ignored: frozenset[str] = frozenset()
+        self.accepts: Callable[[Source], bool] = lambda source: True
+        self.stall_s = 5.0
+        self._last_group = 0.0
+
+    def activate(self) -> None:
+        """Subscribe."""
+        self.active, self._last_group = True, time.monotonic()
+        self.refresh()
+
+    def deactivate(self) -> None:
+        """Unsubscribe and forget."""
+        self.active = False
+        for name in list(self._lines):
+            self._close(name)
+        self.assembler.reset()
+        self._diagnostics.problem("unpaired", None)
+
+    def refresh(self) -> None:
+        """Look again at who publishes what; cheap, called on every change and a few times a second."""
+        if not self.active:
+            return
+        for wanted in self._inputs:
+            self._attend(wanted)
+        self.assembler.expect(
+            [i.name for i in self._inputs if i.role == "paired" or (i.role == "optional" and self._served(i))],
+            [i.name for i in self._inputs if i.role == "latest" and self._served(i)],
+        )
+        self._look_for_stalls()
+
+    def has_publisher(self, topic: str) -> bool:
+        """Whether anybody publishes `topic`, remapped as this node's subscription is."""
+        return bool(self._node.count_publishers(self._node.resolve_topic_name(topic)) > 0)
+
+    def _served(self, wanted: Input) -> bool:
+        line = self._lines.get(wanted.name)
+        return line is not None and self.has_publisher(line.source.topic)
+
+    def _attend(self, wanted: Input) -> None:
+        """Subscribe to the source that fits best now."""
+        line = self._lines.get(wanted.name)
+        sources = [] if wanted.name in self.ignored else [s for s in wanted.sources if self.accepts(s)]
+        if not sources:
+            self._close(wanted.name)
+            return
+        current = line.source if line is not None and line.source in sources else sources[0]
+        best = next((s for s in sources if self.has_publisher(s.topic)), current)
+        if line is None or line.source != best:
+            self._close(wanted.name)
+            self._lines[wanted.name] = _Line(best, self._subscribe(wanted, best))
+
+    def _subscribe(self, wanted: Input, source: Source) -> ReliableFirst:
+        return ReliableFirst(
+            self._node, source.type, source.topic,
+            lambda message: self._receive(wanted, source, message),
+            on_fallback=lambda text: self._warn(f"qos {source.topic}", text),
+            on_match=self.refresh,
+        )  # fmt: skip
+
+    def _close(self, name: str) -> None:
+        line = self._lines.pop(name, None)
+        if line is not None:
+            line.subscription.destroy()
+            self._diagnostics.problem(f"silent {name}", None)
+
+    def _receive(self, wanted: Input, source: Source, message: Any) -> None:
+        line = self._lines.get(wanted.name)
+        if line is None or line.source != source:  # still in the queue of a subscription just given up
+            return
+        self._diagnostics.count(f"in {source.topic}")
+        line.since, line.last_stamp = time.monotonic(), stamp_ns(message)
+        if wanted.role == "latest":
+            self.assembler.set_latest(wanted.name, message)
+        else:
+            self.assembler.push(wanted.name, line.last_stamp, message, _size(message))
+
+    def _deliver(self, group: Group) -> None:
+        self._last_group = time.monotonic()
+        self._diagnostics.count("in groups")
+        self._downstream(group)
+
+    def _look_for_stalls(self) -> None:
+        now = time.monotonic()
+        silent = False
+        for wanted in self._inputs:
+            line = self._lines.get(wanted.name)
+            text = None
+            if line is not None and now - line.since > self.stall_s:
+                alternatives = [source.topic for source in wanted.sources if self.accepts(source)]
+                text = why_silent(self._node, line.source.topic, alternatives, required=wanted.role == "paired")
+            silent |= text is not None
+            self._diagnostics.problem(f"silent {wanted.name}", text)
+        apart = not silent and now - self._last_group > self.stall_s
+        self._diagnostics.problem("unpaired", self._why_unpaired() if apart else None)
+
+    def _why_unpaired(self) -> str | None:
+        if self.assembler.awaited:
+            return f"waiting for the first message of {', '.join(sorted(self.assembler.awaited))}"
+        paired = [self._lines[i.name] for i in self._inputs if i.role != "latest" and i.name in self._lines]
+        stamps = {line.source.topic: line.last_stamp for line in paired if line.last_stamp is not None}
+        return why_unpaired(stamps, self.assembler.tolerance_ns)
+
+
+def _size(message: Any) -> int:
+    """Bytes of an image or disparity message; what else there is is small."""
+    return len(getattr(getattr(message, "image", message), "data", b""))

@@ -1,0 +1,98 @@
+"""Running a node as a process: start, spin, end, and the exit code."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import rclpy
+from rclpy.exceptions import ROSInterruptException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
+
+from uw_recon_ros.ros import transport
+from uw_recon_ros.ros.node import StageNode
+from uw_recon_ros.ros.parameters import ParameterError
+
+DONE, FAILED, USAGE = 0, 1, 2
+
+
+def start(args: Sequence[str] | None) -> None:
+    """Initialise ROS with a transport fit for images.
+
+    Raises
+    ------
+    ParameterError
+        The ROS arguments, or the parameter file they name, are refused.
+    """
+    warning = transport.prepare()
+    try:
+        rclpy.init(args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.ALL)
+    except (RuntimeError, ValueError) as error:  # RCLError, UnknownROSArgsError are RuntimeErrors
+        raise ParameterError(" ".join(str(error).split())) from error
+    if warning:
+        rclpy.logging.get_logger("uw_recon_ros").warning(warning)
+
+
+def leave(code: int, *, clean: bool) -> int:
+    """End ROS; return the exit code, or leave at once where a thread is still computing."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C would only litter
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    rclpy.try_shutdown()
+    if not clean:  # the interpreter would wait for, or trip over, compiled code still running
+        transport.clean_up()
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+    return code
+
+
+def command_line(name: str, about: str | None, args: Sequence[str] | None) -> None:
+    """Answer ``--help``, and refuse what is neither a ROS argument nor understood."""
+    parser = argparse.ArgumentParser(
+        prog=name, description=about, formatter_class=argparse.RawDescriptionHelpFormatter,
+        epilog="Parameters, remaps and namespaces are ROS arguments: --ros-args -p NAME:=VALUE -r FROM:=TO",
+    )  # fmt: skip
+    parser.parse_args(remove_ros_args(sys.argv if args is None else ["", *args])[1:])
+
+
+def run(make: Callable[[], StageNode[Any]], about: str | None, args: Sequence[str] | None = None) -> int:
+    """Run a stage node until it is interrupted.
+
+    Parameters
+    ----------
+    make : callable
+        Makes the node once ROS is initialised.
+    about : str or None
+        What ``--help`` says.
+    args : sequence of str or None
+        Arguments; None: the process's.
+
+    Returns
+    -------
+    int
+        Exit code: 0 after SIGINT, SIGTERM or a shutdown; 2 for refused parameters or arguments.
+    """
+    node, clean = None, True
+    try:
+        start(args)
+        command_line(make.__name__, about, args)
+        node = make()
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        executor.spin()
+    except ParameterError as error:
+        print(f"error: {error}", file=sys.stderr)  # noqa: T201
+        return leave(USAGE, clean=True)
+    except (KeyboardInterrupt, ExternalShutdownException, ROSInterruptException):
+        pass
+    finally:
+        if node is not None:
+            clean = node.stop()
+            node.destroy_node()
+    return leave(DONE, clean=clean)

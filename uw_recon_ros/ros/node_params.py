@@ -1,0 +1,50 @@
+"""Parameters of the nodes themselves, beside their stages'. No ROS in here, so that offline readers know the names."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from uw_recon_ros.params import Params, param
+
+
+@dataclass(frozen=True)
+class NodeParams(Params):
+    """What every stage node knows."""
+
+    pair_tolerance_ms: float = param(
+        1.0,
+        "Largest difference of stamps within one group of messages (left and right image).",
+        unit="ms",
+        low=0,
+        high=1e3,
+    )
+    stall_warning_s: float = param(
+        5.0,
+        "Silence on a topic that has a publisher, or on a required one, before a warning.",
+        unit="s",
+        low=0.1,
+        high=1e6,
+    )
+
+
+@dataclass(frozen=True)
+class CameraParams(Params):
+    """What nodes that read the cameras' images know besides."""
+
+    image_transport: str = param(
+        "auto",
+        "Which of image_raw and image_raw/compressed is read; auto takes image_raw where it has a publisher.",
+        choices=("auto", "raw", "compressed"),
+    )
+
+
+@dataclass(frozen=True)
+class CloudParams(Params):
+    """What the point cloud node knows besides."""
+
+    assumed_sigma_px: float = param(
+        0.5, "Standard deviation of a disparity where disparity/sigma has no publisher.", unit="px", low=1e-3, high=100
+    )
+    image_memory_mb: int = param(
+        256, "Memory for images that wait for their disparity, beyond a few.", unit="MB", low=1, high=65_536
+    )

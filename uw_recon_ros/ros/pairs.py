@@ -1,0 +1,151 @@
+"""Groups of messages <-> pairs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sensor_msgs.msg import CameraInfo, Image
+
+from uw_recon_ros.calibration import camera_from_info
+from uw_recon_ros.errors import ImageError
+from uw_recon_ros.images import to_gray
+from uw_recon_ros.ros.assembly import Group
+from uw_recon_ros.ros.geometry import (
+    check_size,
+    geometry_from_infos,
+    infos_from_geometry,
+    mark_window,
+    window_from_info,
+)
+from uw_recon_ros.ros.messages import header, image_from_message, stamp_ns
+from uw_recon_ros.types import (
+    ByteImage,
+    EnhancedPair,
+    RawImage,
+    RectificationQuality,
+    RectifiedPair,
+    StereoCalibration,
+    StereoPair,
+)
+
+
+def raw_pair(group: Group, calibration: StereoCalibration | None = None) -> StereoPair:
+    """Decode the messages ``left`` and ``right``.
+
+    Raises
+    ------
+    ImageError
+        An image cannot be read, or the two are not of one size and type.
+    """
+    left, right = _two_images(group, "left", "right")
+    return StereoPair(left, right, stamp_ns(group["left"]), group["left"].header.frame_id, calibration)
+
+
+def enhanced_pair(group: Group, calibration: StereoCalibration | None) -> EnhancedPair:
+    """Decode ``left``, ``right`` and, where they came, ``left_matching``, ``right_matching``."""
+    left, right = (as_color(image) for image in _two_images(group, "left", "right"))
+    if "left_matching" in group and "right_matching" in group:
+        matching = _two_images(group, "left_matching", "right_matching")
+        expect_size("matching images", matching[0], left)
+    else:
+        matching = to_gray(left), to_gray(right)
+    return EnhancedPair(
+        left, right, as_mono(matching[0]), as_mono(matching[1]),
+        stamp_ns(group["left"]), group["left"].header.frame_id, calibration,
+    )  # fmt: skip
+
+
+def rectified_pair(group: Group) -> RectifiedPair:
+    """Decode ``left``, ``right`` and the rectified ``left_info``, ``right_info``.
+
+    Raises
+    ------
+    ImageError, CalibrationError
+    """
+    left, right = (as_mono(image) for image in _two_images(group, "left", "right"))
+    infos = group["left_info"], group["right_info"]
+    for info in infos:
+        check_size(info, left.shape)
+    windows = [window_from_info(info) for info in infos]
+    return RectifiedPair(
+        left=as_color(left), right=as_color(right), left_matching=left, right_matching=right,
+        geometry=geometry_from_infos(*infos), quality=RectificationQuality("given"),
+        valid_left=windows[0], valid_right=windows[1],
+        stamp_ns=stamp_ns(group["left"]), frame_id=group["left"].header.frame_id,
+    )  # fmt: skip
+
+
+def rectified_infos(pair: RectifiedPair) -> tuple[CameraInfo, CameraInfo]:
+    """Describe both views of a rectified pair."""
+    height, width = pair.left.shape[:2]
+    left, right = infos_from_geometry(pair.geometry, (width, height), header(pair.stamp_ns, pair.frame_id))
+    mark_window(left, pair.valid_left)
+    mark_window(right, pair.valid_right)
+    return left, right
+
+
+def is_calibrated(info: CameraInfo) -> bool:
+    """Whether a camera claims to be calibrated: ``K[0] = 0`` is ROS's way to deny it."""
+    return bool(info.k[0] != 0.0)
+
+
+def calibration_from_infos(left: CameraInfo | None, right: CameraInfo | None) -> StereoCalibration | None:
+    """Read both cameras; None where one is missing or says that it is not calibrated.
+
+    Raises
+    ------
+    CalibrationError
+        Numbers that make no sense.
+    """
+    if left is None or right is None or not (is_calibrated(left) and is_calibrated(right)):
+        return None
+    return StereoCalibration(camera_from_info(left), camera_from_info(right))
+
+
+def color_image(message: Image) -> ByteImage:
+    """Decode an 8-bit image as RGB, mono or not."""
+    return as_color(image_from_message(message))
+
+
+def as_color(image: RawImage) -> ByteImage:
+    """RGB of an 8-bit image, mono or RGB."""
+    _expect_bytes(image)
+    return image if image.ndim == 3 else np.repeat(image[..., np.newaxis], 3, axis=2)
+
+
+def as_mono(image: RawImage) -> ByteImage:
+    """Luma of an 8-bit image, mono or RGB."""
+    _expect_bytes(image)
+    return np.ascontiguousarray(to_gray(image))
+
+
+def _expect_bytes(image: RawImage) -> None:
+    if image.dtype != np.uint8:
+        raise ImageError(f"image: expected 8 bits a channel, got {image.dtype}")
+
+
+def _two_images(group: Group, left: str, right: str) -> tuple[RawImage, RawImage]:
+    images = _decode(left, group[left]), _decode(right, group[right])
+    if images[0].shape != images[1].shape or images[0].dtype != images[1].dtype:
+        raise ImageError(f"pair: expected two images of one size and type, got {_say(images[0])} and {_say(images[1])}")
+    return images
+
+
+def _decode(name: str, message: Any) -> RawImage:
+    try:
+        return image_from_message(message)
+    except ImageError as error:
+        raise ImageError(f"{name} image: {error}") from error
+
+
+def expect_size(name: str, got: NDArray[Any], expected: NDArray[Any]) -> None:
+    """Raise `ImageError` where `got` is not as large as `expected`."""
+    if got.shape[:2] != expected.shape[:2]:
+        sizes = [f"{array.shape[1]}x{array.shape[0]} px" for array in (expected, got)]
+        raise ImageError(f"{name}: expected {sizes[0]}, got {sizes[1]}")
+
+
+def _say(image: RawImage) -> str:
+    return f"{image.shape[1]}x{image.shape[0]} {'colour' if image.ndim == 3 else 'mono'} {image.dtype}"

@@ -1,0 +1,64 @@
+"""Why nothing comes: what ROS knows and does not say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rclpy.node import Node
+
+
+def why_silent(node: Node, topic: str, alternatives: Sequence[str], *, required: bool) -> str | None:
+    """Explain why `topic` brings no messages.
+
+    Parameters
+    ----------
+    node : Node
+        With a subscription to it.
+    topic : str
+    alternatives : sequence of str
+        Topics any of which would do.
+    required : bool
+        Whether the node can do without.
+
+    Returns
+    -------
+    str or None
+        None: nobody publishes it, and nobody needs to.
+    """
+    resolved = node.resolve_topic_name(topic)
+    publishers = node.get_publishers_info_by_topic(resolved)
+    if publishers:
+        return f"waiting for {resolved}: {_disagreement(node, resolved, publishers) or 'a publisher, but no messages'}"
+    if not required:
+        return None
+    return f"waiting for {' or '.join(node.resolve_topic_name(name) for name in alternatives)}: no publisher"
+
+
+def _disagreement(node: Node, topic: str, publishers: Sequence[Any]) -> str | None:
+    """How a publisher's type differs from ours: then the middleware connects nothing and says nothing."""
+    ours = [e for e in node.get_subscriptions_info_by_topic(topic) if e.node_name == node.get_name()]
+    for theirs in publishers:
+        for our in ours:
+            if theirs.topic_type != our.topic_type:
+                return f"expected {our.topic_type}, {theirs.node_name} publishes {theirs.topic_type}"
+            hashes = [str(getattr(end, "topic_type_hash", "")) for end in (our, theirs)]
+            if hashes[0] != hashes[1]:
+                return f"{theirs.node_name} publishes another version of {our.topic_type} (type hashes differ)"
+    return None
+
+
+def why_unpaired(stamps: Mapping[str, int], tolerance_ns: int) -> str | None:
+    """Explain why messages arrive and yet make no group.
+
+    Parameters
+    ----------
+    stamps : mapping
+        Topic to its last stamp, ns.
+    tolerance_ns : int
+    """
+    if len(stamps) < 2:
+        return None
+    first, last = min(stamps, key=stamps.__getitem__), max(stamps, key=stamps.__getitem__)
+    apart_ms = (stamps[last] - stamps[first]) / 1e6
+    return f"no stamps pair up: {last} is {apart_ms:g} ms after {first}, pair_tolerance_ms is {tolerance_ns / 1e6:g}"
