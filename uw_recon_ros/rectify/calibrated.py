@@ -1,0 +1,250 @@
+"""Rectification of a rig whose ``CameraInfo`` describes it, distortion included."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from uw_recon_ros.errors import CalibrationError, EstimationError
+from uw_recon_ros.rectify.params import RectifyParams
+from uw_recon_ros.rectify.rectification import Rectification, row_statistics
+from uw_recon_ros.rectify.tie_points import TiePoints
+from uw_recon_ros.rectify.views import View
+from uw_recon_ros.rectify.warp import inner_windows, make_canvas
+from uw_recon_ros.rectify.water import focal_ratio
+from uw_recon_ros.types import (
+    Axis,
+    CameraModel,
+    Matrix,
+    RectificationQuality,
+    StereoCalibration,
+    StereoGeometry,
+    Window,
+)
+
+_MODELS = ("plumb_bob", "rational_polynomial", "equidistant")
+_RELATIVE = 1e-3  # focal lengths of both P
+_PIXELS = 0.1  # principal points of both P across the baseline
+_NEARLY_ALL = 0.95
+
+
+def _check_camera(eye: str, camera: CameraModel) -> None:
+    r = camera.r
+    if np.abs(r @ r.T - np.eye(3)).max() > 1e-3 or np.linalg.det(r) < 0:
+        raise CalibrationError(f"{eye} R: expected a rotation, got {r.tolist()}")
+    if camera.distortion_model not in _MODELS:
+        raise CalibrationError(
+            f"{eye} distortion_model: expected {', '.join(_MODELS)}, got {camera.distortion_model!r}"
+        )
+    if abs(camera.p[0, 1]) > 1e-6 * camera.p[0, 0] or camera.p[2].tolist() != [0, 0, 1, 0]:
+        raise CalibrationError(f"{eye} P: expected [fx 0 cx Tx; 0 fy cy Ty; 0 0 1 0], got {camera.p.tolist()}")
+
+
+def _baseline(calibration: StereoCalibration) -> tuple[Axis, float]:
+    """Axis and signed baseline, m, from the last column of P."""
+    left, right = calibration.left.p, calibration.right.p
+    metres = right[:2, 3] / np.diag(right)[:2]
+    if np.abs(left[:2, 3]).max() > 1e-9:
+        raise CalibrationError(
+            f"left P: expected P[3] = P[7] = 0, got {left[0, 3]:g} and {left[1, 3]:g}: are left and right exchanged?"
+        )
+    if not metres.any():
+        raise CalibrationError(
+            "right P: expected P[3] = -fx B or P[7] = -fy B, got 0 and 0: two single cameras, not a stereo rig"
+        )
+    if np.abs(metres).min() > 1e-6 * np.abs(metres).max():
+        raise CalibrationError(
+            f"right P: expected either P[3] or P[7] to be 0, got {right[0, 3]:g} and {right[1, 3]:g}"
+        )
+    if metres[0] > 0:
+        raise CalibrationError(
+            f"right P: expected P[3] = -fx B < 0, got {right[0, 3]:g}: the right camera would stand on the left, "
+            "exchange the eyes"
+        )
+    return ("horizontal", -float(metres[0])) if metres[0] else ("vertical", -float(metres[1]))
+
+
+def _check_together(calibration: StereoCalibration, axis: Axis) -> None:
+    left, right = calibration.left, calibration.right
+    if (left.width, left.height) != (right.width, right.height):
+        raise CalibrationError(
+            f"calibration: expected both cameras of one size, got {left.width}x{left.height} and "
+            f"{right.width}x{right.height}"
+        )
+    focal = np.abs(np.diag(left.p)[:2] / np.diag(right.p)[:2] - 1).max()
+    across = 1 if axis == "horizontal" else 0
+    centre = abs(left.p[across, 2] - right.p[across, 2])
+    if focal > _RELATIVE or centre > _PIXELS:
+        name = ("cx", "cy")[across]
+        raise CalibrationError(
+            f"P: expected one fx, fy and {name} for both rectified views, got fx {left.p[0, 0]:g} and "
+            f"{right.p[0, 0]:g}, fy {left.p[1, 1]:g} and {right.p[1, 1]:g}, {name} {left.p[across, 2]:g} and "
+            f"{right.p[across, 2]:g}"
+        )
+
+
+def stereo_axis(calibration: StereoCalibration) -> tuple[Axis, float]:
+    """Check that a calibration describes a stereo rig.
+
+    Returns
+    -------
+    axis : {'horizontal', 'vertical'}
+    baseline_m : float
+        Signed, m; negative for a vertical rig whose second camera is above.
+
+    Raises
+    ------
+    CalibrationError
+        Naming the field, the expectation and what came.
+    """
+    for eye, camera in (("left", calibration.left), ("right", calibration.right)):
+        _check_camera(eye, camera)
+    axis, baseline = _baseline(calibration)
+    _check_together(calibration, axis)
+    return axis, baseline
+
+
+def has_baseline(calibration: StereoCalibration) -> bool:
+    """Whether the cameras are calibrated to each other, and not each for itself."""
+    return bool(calibration.left.p[:2, 3].any() or calibration.right.p[:2, 3].any())
+
+
+def _geometry(left: View, right: View, axis: Axis, baseline_m: float) -> StereoGeometry:
+    along, across = (0, 1) if axis == "horizontal" else (1, 0)
+    return StereoGeometry(
+        focal_px=float(left.k_new[along, along]),
+        cx_left=float(left.k_new[along, 2]),
+        cx_right=float(right.k_new[along, 2]),
+        cy=float(left.k_new[across, 2]),
+        baseline_m=baseline_m,
+        axis=axis,
+        baseline_sign=1 if baseline_m > 0 else -1,
+        focal_across_px=float(left.k_new[across, across]),
+        rect_from_raw_left=tuple(tuple(float(x) for x in row) for row in left.r),
+    )
+
+
+def _as_given(view: View, other: View, size: tuple[int, int], geometry: StereoGeometry) -> Rectification:
+    return Rectification(view, other, *size, *size, geometry=geometry, quality=RectificationQuality("given"))
+
+
+def _warped(
+    views: tuple[View, View], size: tuple[int, int], geometry: Callable[[View, View], StereoGeometry],
+    params: RectifyParams,
+) -> Rectification:  # fmt: skip
+    """Both eyes keep the same columns, so that the offset stays what P says (0, most often)."""
+    canvases = [make_canvas(view, *size, *size) for view in views]
+    window, _ = inner_windows((canvases[0].shown, canvases[1].shown), same_columns=True)
+    share = window.width * window.height / (size[0] * size[1])
+    if share < params.rectify_min_area:
+        raise CalibrationError(
+            f"calibration: expected the rectified views to share at least {params.rectify_min_area:.0%} of the image, "
+            f"got {share:.0%}"
+        )
+    kept, valid = (window, None) if params.rectify_crop else (Window(0, 0, *size), window)
+    left, right = (view.moved(kept.u, kept.v) for view in views)
+    return Rectification(
+        left, right, *size, kept.width, kept.height, geometry=geometry(left, right),
+        quality=RectificationQuality("calibrated"), left_map=canvases[0].part(kept), right_map=canvases[1].part(kept),
+        valid_left=valid, valid_right=valid,
+    )  # fmt: skip
+
+
+def _check_sides(parallax: Matrix, axis: Axis) -> None:
+    """Refuse images whose matches contradict the calibration: exchanged eyes."""
+    parallax = parallax[np.isfinite(parallax)]
+    behind = float((parallax < 0).mean()) if len(parallax) else 0.0
+    if behind >= _NEARLY_ALL:
+        second = "right camera on the left" if axis == "horizontal" else "second camera on the other side"
+        raise EstimationError(
+            f"exchanged eyes: expected disparities of the calibration's sign, got {behind:.0%} of {len(parallax)} tie "
+            f"points behind the rig (median {np.median(parallax):.1f} px): the images show the {second}; exchange the "
+            "images, or the calibrations"
+        )
+
+
+def judged(rectification: Rectification, tie_points: TiePoints, params: RectifyParams) -> Rectification:
+    """Measure a calibrated rectification on tie points, none of which it was made from.
+
+    Parameters
+    ----------
+    rectification : Rectification
+        Made by `rectification_from_calibration`.
+    tie_points : TiePoints
+        Raw px.
+    params : RectifyParams
+
+    Raises
+    ------
+    EstimationError
+        The eyes are exchanged.
+    """
+    axis = rectification.geometry.axis
+    sign = np.sign(rectification.geometry.focal_times_baseline)
+    _check_sides(sign * rectification.parallax(tie_points), axis)
+    median, p95 = row_statistics(rectification.row_errors(tie_points))
+    return rectification.with_quality(
+        replace(
+            rectification.quality,
+            row_error_median_px=median,
+            row_error_p95_px=p95,
+            inliers=len(tie_points),
+            warnings=_warnings(rectification, tie_points, median, params),
+        )
+    )
+
+
+def _warnings(
+    rectification: Rectification, tie_points: TiePoints, median: float, params: RectifyParams
+) -> tuple[str, ...]:
+    if not median > params.drift_limit_px:
+        return ()
+    found = focal_ratio(tie_points, rectification.left, rectification.right, rectification.geometry.axis)
+    if found is not None and found.water:
+        return (
+            f"calibrated in air, used in water: rows disagree by {median:.1f} px (median), by "
+            f"{found.row_error_px:.1f} px with a focal length {found.ratio:.2f} times as long; depth is about "
+            f"{1 - 1 / found.ratio:.0%} short: "
+            "calibrate in water",
+        )
+    return (
+        f"the calibration does not fit: rows disagree by {median:.1f} px (median of {len(tie_points)} tie points, "
+        f"limit {params.drift_limit_px:g} px): the rig has moved, or its images are of another mode",
+    )
+
+
+def rectification_from_calibration(
+    calibration: StereoCalibration, params: RectifyParams, tie_points: TiePoints | None = None
+) -> Rectification:
+    """Rectify as ``CameraInfo`` says: R and P of both cameras, distortion included.
+
+    Parameters
+    ----------
+    calibration : StereoCalibration
+        Extrinsics are those of R and P; a rig whose D = 0, R = I and P = [K | ...] came rectified and stays as it is.
+    params : RectifyParams
+    tie_points : TiePoints or None
+        To measure the row error on, and to notice exchanged eyes or a calibration made in air.
+
+    Returns
+    -------
+    Rectification
+        Metric.
+
+    Raises
+    ------
+    CalibrationError
+        The numbers do not describe a stereo rig.
+    EstimationError
+        The tie points say that the eyes are exchanged.
+    """
+    axis, baseline = stereo_axis(calibration)
+    size = calibration.left.width, calibration.left.height
+    left, right = View.of_camera(calibration.left), View.of_camera(calibration.right)
+    if left.identity and right.identity:
+        rectification = _as_given(left, right, size, _geometry(left, right, axis, baseline))
+    else:
+        rectification = _warped((left, right), size, lambda le, ri: _geometry(le, ri, axis, baseline), params)
+    return rectification if tie_points is None else judged(rectification, tie_points, params)

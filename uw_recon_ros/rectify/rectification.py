@@ -1,0 +1,86 @@
+"""What a rectification is: two views, the maps that warp images into them, and the geometry they share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from uw_recon_ros.rectify.tie_points import TiePoints
+from uw_recon_ros.rectify.views import View
+from uw_recon_ros.types import FloatImage, Matrix, RectificationQuality, StereoGeometry, Window
+
+
+@dataclass(frozen=True, eq=False)
+class Rectification:
+    """Everything needed to warp the images of one rig.
+
+    Parameters
+    ----------
+    left, right : View
+        Rectified pixels are those of the output images, after cropping.
+    raw_width, raw_height : int
+        Size of the images that go in, px.
+    width, height : int
+        Size of either rectified image, px.
+    geometry : StereoGeometry
+        Principal points after cropping.
+    quality : RectificationQuality
+    left_map, right_map : (height, width, 2) float32 or None
+        Raw pixel (u, v) of every rectified pixel; None: the images came rectified and stay as they are.
+    valid_left, valid_right : Window or None
+        Where the rectified images show something; None: everywhere.
+    infinity_sigma_px : float
+        Uncalibrated: standard deviation of the disparity at infinity, as far as noise goes, px; else NaN.
+    flat : bool
+        Uncalibrated: one homography explains the scene, so that it does not fix the geometry.
+    locked : bool
+        Whether a rig's geometry is settled, see `RigTracker`.
+    """
+
+    left: View
+    right: View
+    raw_width: int
+    raw_height: int
+    width: int
+    height: int
+    geometry: StereoGeometry
+    quality: RectificationQuality
+    left_map: FloatImage | None = None
+    right_map: FloatImage | None = None
+    valid_left: Window | None = None
+    valid_right: Window | None = None
+    infinity_sigma_px: float = float("nan")
+    flat: bool = False
+    locked: bool = False
+
+    def rectified(self, tie_points: TiePoints) -> tuple[Matrix, Matrix]:
+        """Rectified pixels of tie points, two of (N, 2) float64."""
+        return self.left.rectified(tie_points.left), self.right.rectified(tie_points.right)
+
+    def row_errors(self, tie_points: TiePoints) -> Matrix:
+        """Left minus right coordinate across the baseline, (N,) float64, px; NaN where a point leaves the view."""
+        left, right = self.rectified(tie_points)
+        across = 1 if self.geometry.axis == "horizontal" else 0
+        errors: Matrix = left[:, across] - right[:, across]
+        return errors
+
+    def parallax(self, tie_points: TiePoints) -> Matrix:
+        """Disparity plus offset, (N,) float64, px: ``f B / Z``, so of the baseline's sign."""
+        left, right = self.rectified(tie_points)
+        along = 0 if self.geometry.axis == "horizontal" else 1
+        parallax: Matrix = left[:, along] - right[:, along] + self.geometry.offset_px
+        return parallax
+
+    def with_quality(self, quality: RectificationQuality) -> Rectification:
+        """The same rectification, judged anew."""
+        return replace(self, quality=quality)
+
+
+def row_statistics(errors: Matrix) -> tuple[float, float]:
+    """Median and 95th percentile of the magnitude, px; points that left the view count as infinite."""
+    if not len(errors):
+        return float("nan"), float("nan")
+    magnitude = np.where(np.isfinite(errors), np.abs(errors), np.inf)
+    low, high = np.quantile(magnitude, [0.5, 0.95], method="higher")
+    return float(low), float(high)

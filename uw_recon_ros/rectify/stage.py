@@ -1,0 +1,71 @@
+"""The rectification stage: warp an enhanced pair so that matching pixels share a row (a column, for a vertical rig)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from uw_recon_ros.errors import ImageError
+from uw_recon_ros.rectify.params import RectifyParams
+from uw_recon_ros.rectify.rectification import Rectification
+from uw_recon_ros.rectify.warp import warp_image
+from uw_recon_ros.types import ByteImage, EnhancedPair, FloatImage, RectifiedPair
+
+
+@dataclass(frozen=True)
+class Rectify:
+    """Apply a rectification; what rectification a pair needs, `RigTracker` knows.
+
+    Parameters
+    ----------
+    params : RectifyParams
+    """
+
+    params: RectifyParams
+
+    def __call__(self, pair: EnhancedPair, rectification: Rectification) -> RectifiedPair:
+        """Warp the four images of a pair.
+
+        Parameters
+        ----------
+        pair : EnhancedPair
+        rectification : Rectification
+            Of images of this size.
+
+        Returns
+        -------
+        RectifiedPair
+            Both views of one size; stamp and frame as they came.
+
+        Raises
+        ------
+        ImageError
+            An image is of another size than the rectification was made for.
+        """
+        _check_sizes(pair, rectification)
+        return RectifiedPair(
+            left=self._warped(pair.left, rectification.left_map),
+            right=self._warped(pair.right, rectification.right_map),
+            left_matching=self._warped(pair.left_matching, rectification.left_map),
+            right_matching=self._warped(pair.right_matching, rectification.right_map),
+            geometry=rectification.geometry,
+            quality=rectification.quality,
+            valid_left=rectification.valid_left,
+            valid_right=rectification.valid_right,
+            stamp_ns=pair.stamp_ns,
+            frame_id=pair.frame_id,
+        )
+
+    def _warped(self, image: ByteImage, raw_from_rect: FloatImage | None) -> ByteImage:
+        if raw_from_rect is None:
+            return image
+        return warp_image(image, raw_from_rect, self.params.rectify_interpolation)
+
+
+def _check_sizes(pair: EnhancedPair, rectification: Rectification) -> None:
+    expected = rectification.raw_height, rectification.raw_width
+    for name in ("left", "right", "left_matching", "right_matching"):
+        got = getattr(pair, name).shape[:2]
+        if got != expected:
+            raise ImageError(
+                f"{name} image: expected {expected[1]}x{expected[0]} px as rectified before, got {got[1]}x{got[0]}"
+            )

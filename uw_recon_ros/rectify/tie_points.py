@@ -1,0 +1,243 @@
+"""Tie points: matching points of both eyes, sub-pixel, without outliers, spread over the image."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_recon_ros.errors import EstimationError
+from uw_recon_ros.images import to_gray
+from uw_recon_ros.rectify.fundamental import robust_inliers
+from uw_recon_ros.rectify.params import RectifyParams
+from uw_recon_ros.types import ByteImage, EnhancedPair, FloatImage, Matrix
+
+_CELLS = 8  # the image is divided into 8 x 8 parts that share the features evenly
+_CHUNK = 256  # rows of the similarity matrix held at a time
+_TAIL = 0.05
+_MARGIN_PX = 20.0
+_INLIER_SHARE = 0.25  # unrelated images reach about a tenth
+
+
+@dataclass(frozen=True, eq=False)
+class TiePoints:
+    """Matching points of one rig, from one frame or several.
+
+    Parameters
+    ----------
+    left, right : (N, 2) float64
+        Pixels (u, v) of the raw images.
+    width, height : int
+        Size of the raw images, px.
+    """
+
+    left: Matrix
+    right: Matrix
+    width: int
+    height: int
+
+    def __post_init__(self) -> None:
+        if self.left.shape != self.right.shape or self.left.ndim != 2 or self.left.shape[1] != 2:
+            raise ValueError(f"left, right: expected shapes (N, 2), got {self.left.shape} and {self.right.shape}")
+        if self.width <= 0 or self.height <= 0:
+            raise ValueError(f"width, height: expected > 0, got {self.width}, {self.height}")
+
+    def __len__(self) -> int:
+        return len(self.left)
+
+    def take(self, index: NDArray[np.bool_] | NDArray[np.int64]) -> TiePoints:
+        """Those at `index`."""
+        return TiePoints(self.left[index], self.right[index], self.width, self.height)
+
+    def transposed(self) -> TiePoints:
+        """Rows and columns exchanged: a vertical rig becomes a horizontal one."""
+        return TiePoints(self.left[:, ::-1], self.right[:, ::-1], self.height, self.width)
+
+
+def _cell_ranks(points: Matrix, order: NDArray[np.int64], width: int, height: int) -> NDArray[np.int64]:
+    """Position of every point within its own part of the image, counted along `order`."""
+    column = np.clip(points[:, 0] * _CELLS // max(width, 1), 0, _CELLS - 1)
+    row = np.clip(points[:, 1] * _CELLS // max(height, 1), 0, _CELLS - 1)
+    cell = (row * _CELLS + column).astype(np.int64)[order]
+    by_cell = np.argsort(cell, kind="stable")
+    starts = np.searchsorted(cell[by_cell], np.arange(_CELLS * _CELLS))
+    ranks = np.empty(len(points), np.int64)
+    ranks[order[by_cell]] = np.arange(len(points)) - starts[cell[by_cell]]
+    return ranks
+
+
+def spread(points: Matrix, priority: Matrix, count: int, width: int, height: int) -> NDArray[np.int64]:
+    """Choose points evenly over the image: every part gives its best, then its second best, and so on.
+
+    Parameters
+    ----------
+    points : (N, 2) float64
+        px.
+    priority : (N,) float64
+        Larger is better.
+    count : int
+        How many to choose at most.
+    width, height : int
+        Size of the image, px.
+
+    Returns
+    -------
+    (M,) int64
+        Ascending indices, ``M = min(N, count)``.
+    """
+    order = np.argsort(-priority, kind="stable")
+    ranks = _cell_ranks(points, order, width, height)
+    position = np.empty(len(points), np.int64)
+    position[order] = np.arange(len(points))
+    return np.sort(np.lexsort((position, ranks))[:count])
+
+
+def _features(gray: ByteImage, params: RectifyParams) -> tuple[Matrix, FloatImage]:
+    """SIFT key points and RootSIFT descriptors (Arandjelovic and Zisserman 2012)."""
+    sift = cv2.SIFT.create(contrastThreshold=params.tie_contrast)
+    found = sift.detect(gray, None)
+    if not found:
+        return np.zeros((0, 2)), np.zeros((0, 128), np.float32)
+    points = np.array([k.pt for k in found], np.float64)
+    strength = np.array([k.response for k in found])
+    kept = spread(points, strength, params.tie_features, gray.shape[1], gray.shape[0])
+    described, descriptors = sift.compute(gray, [found[i] for i in kept])
+    if not described:
+        return np.zeros((0, 2)), np.zeros((0, 128), np.float32)
+    descriptors /= np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-9)
+    return np.array([k.pt for k in described], np.float64), np.sqrt(descriptors)
+
+
+def _two_best(similarity: FloatImage) -> tuple[NDArray[np.int64], FloatImage]:
+    """Column of the largest entry of every row, and the two largest; overwrites its argument."""
+    best, rows = similarity.argmax(axis=1), np.arange(len(similarity))
+    first = similarity[rows, best]
+    similarity[rows, best] = -np.inf
+    return best, np.stack([first, similarity.max(axis=1)])
+
+
+def mutual_matches(left: FloatImage, right: FloatImage, ratio: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Pairs of unit descriptors that prefer each other, clearly.
+
+    Parameters
+    ----------
+    left, right : (N, D), (M, D) float32
+        Rows of length 1.
+    ratio : float
+        Largest ratio of the best distance to the second best (Lowe 2004).
+
+    Returns
+    -------
+    (K,) int64, (K,) int64
+        Indices into `left` and `right`.
+    """
+    if len(left) < 2 or len(right) < 2:
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+    best = np.empty(len(left), np.int64)
+    two = np.empty((2, len(left)), np.float32)
+    for start in range(0, len(left), _CHUNK):
+        part = slice(start, start + _CHUNK)
+        best[part], two[:, part] = _two_best(left[part] @ right.T)
+    distance, runner_up = np.sqrt(np.maximum(2 - 2 * two, 0))
+    clear = np.flatnonzero(distance <= ratio * runner_up)
+    back = (right[best[clear]] @ left.T).argmax(axis=1)
+    kept = clear[back == clear]
+    return kept, best[kept]
+
+
+def _reduced(image: ByteImage, longest_side: int) -> tuple[ByteImage, float]:
+    gray = to_gray(image)
+    scale = longest_side / max(gray.shape)
+    if scale >= 1:
+        return np.ascontiguousarray(gray), 1.0
+    size = tuple(max(1, round(side * scale)) for side in gray.shape[::-1])
+    return np.asarray(cv2.resize(gray, size, interpolation=cv2.INTER_AREA), np.uint8), scale
+
+
+def _to_full_size(points: Matrix, reduced: ByteImage, full: ByteImage) -> Matrix:
+    scale = np.array(full.shape[1::-1]) / np.array(reduced.shape[1::-1])
+    scaled: Matrix = (points + 0.5) * scale - 0.5
+    return scaled
+
+
+def find_tie_points(pair: EnhancedPair, params: RectifyParams, *, longest_side: int | None = None) -> TiePoints:
+    """Find matching points of a pair that one epipolar geometry explains.
+
+    Parameters
+    ----------
+    pair : EnhancedPair
+        Its colour images are used.
+    params : RectifyParams
+        The ``tie_*`` parameters and the seed.
+    longest_side : int or None
+        In place of ``tie_image_side``, px.
+
+    Returns
+    -------
+    TiePoints
+        At least ``tie_points_min``, at most ``tie_points_max``.
+
+    Raises
+    ------
+    EstimationError
+        The images show too little texture, or not the same scene; with the counts.
+    """
+    side = longest_side or params.tie_image_side
+    (left, scale), (right, _) = _reduced(pair.left, side), _reduced(pair.right, side)
+    (points_left, descriptors_left), (points_right, descriptors_right) = (_features(g, params) for g in (left, right))
+    if min(len(points_left), len(points_right)) < params.tie_points_min:
+        raise EstimationError(
+            f"tie points: expected at least {params.tie_points_min} features an eye, got {len(points_left)} left and "
+            f"{len(points_right)} right: the images show too little texture"
+        )
+    index_left, index_right = mutual_matches(descriptors_left, descriptors_right, params.tie_ratio)
+    matches = TiePoints(
+        _to_full_size(points_left[index_left], left, pair.left),
+        _to_full_size(points_right[index_right], right, pair.right),
+        pair.left.shape[1], pair.left.shape[0],
+    )  # fmt: skip
+    inside = robust_inliers(matches.left, matches.right, params.tie_threshold_px / scale, params.rectify_seed)
+    if inside.any():
+        inside[inside] = _coherent(matches.left[inside], matches.right[inside])
+    if inside.sum() < max(params.tie_points_min, _INLIER_SHARE * len(matches)):
+        raise EstimationError(
+            f"tie points: expected at least {params.tie_points_min} matches, a quarter of all, on one epipolar "
+            f"geometry, got {inside.sum()} of {len(matches)} matches ({len(points_left)} features left, "
+            f"{len(points_right)} right): too little texture, or the eyes do not show the same scene"
+        )
+    return thinned(matches.take(inside), params.tie_points_max, params.rectify_seed)
+
+
+def _coherent(left: Matrix, right: Matrix) -> NDArray[np.bool_]:
+    """Which matches move about as far as the others: a wrong one may lie on its epipolar line, but seldom near."""
+    move = left - right
+    low, high = np.quantile(move, [_TAIL, 1 - _TAIL], axis=0)
+    margin = np.maximum(high - low, _MARGIN_PX)
+    inside: NDArray[np.bool_] = ((move >= low - margin) & (move <= high + margin)).all(axis=1)
+    return inside
+
+
+def thinned(tie_points: TiePoints, count: int, seed: int) -> TiePoints:
+    """At most `count` of the tie points, spread over the left image."""
+    if len(tie_points) <= count:
+        return tie_points
+    priority = np.random.default_rng(seed).random(len(tie_points))
+    return tie_points.take(spread(tie_points.left, priority, count, tie_points.width, tie_points.height))
+
+
+def gathered(frames: Sequence[TiePoints]) -> TiePoints:
+    """The tie points of several frames of one rig.
+
+    Raises
+    ------
+    ValueError
+        There are none, or their image sizes differ.
+    """
+    sizes = {(t.width, t.height) for t in frames}
+    if len(sizes) != 1:
+        raise ValueError(f"frames: expected tie points of one image size, got {sorted(sizes)}")
+    left, right = (np.concatenate([getattr(t, eye) for t in frames]) for eye in ("left", "right"))
+    return TiePoints(left, right, *sizes.pop())

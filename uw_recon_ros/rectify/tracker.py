@@ -1,0 +1,195 @@
+"""A rig is rigid: gather tie points over its frames, lock its geometry, keep watching, estimate anew when it moved."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import replace
+from typing import Protocol
+
+from uw_recon_ros.errors import CalibrationError, EstimationError, ImageError
+from uw_recon_ros.rectify.calibrated import has_baseline, judged, rectification_from_calibration
+from uw_recon_ros.rectify.params import RectifyParams
+from uw_recon_ros.rectify.rectification import Rectification, row_statistics
+from uw_recon_ros.rectify.tie_points import TiePoints, find_tie_points, gathered
+from uw_recon_ros.rectify.uncalibrated import estimate_rectification
+from uw_recon_ros.types import CameraModel, EnhancedPair, StereoCalibration
+
+_WATCHED_FRAMES = 5  # whose tie points together judge a calibrated rig
+_NO_BASELINE = "CameraInfo describes two single cameras (P[3] = P[7] = 0): rectified without calibration"
+
+
+class _Rig(Protocol):
+    """What a tracker knows of one rig."""
+
+    def update(self, pair: EnhancedPair) -> Rectification: ...
+
+
+class _CalibratedRig:
+    """The calibration's rectification, its row error measured now and then."""
+
+    def __init__(self, calibration: StereoCalibration, params: RectifyParams) -> None:
+        self._params = params
+        self._rectification = replace(rectification_from_calibration(calibration, params), locked=True)
+        self._frames: deque[TiePoints] = deque(maxlen=_WATCHED_FRAMES)
+        self._until_watch = 0
+
+    def update(self, pair: EnhancedPair) -> Rectification:
+        if self._until_watch == 0:
+            self._watch(pair)
+            self._until_watch = self._params.watch_interval
+        self._until_watch -= 1
+        return self._rectification
+
+    def _watch(self, pair: EnhancedPair) -> None:
+        try:
+            found = find_tie_points(pair, self._params, longest_side=self._params.tie_image_side // 2)
+        except EstimationError:  # nothing to measure on: the calibration holds all the same
+            return
+        judged(self._rectification, found, self._params)  # raises for exchanged eyes, before these are remembered
+        self._frames.append(found)
+        self._rectification = judged(self._rectification, gathered(self._frames), self._params)
+
+
+class _UncalibratedRig:
+    """An estimate that improves until it is locked, and starts again when the rig has moved."""
+
+    def __init__(self, params: RectifyParams, warnings: tuple[str, ...]) -> None:
+        self._params = params
+        self._warnings = warnings
+        self._frames: deque[TiePoints] = deque(maxlen=4 * params.lock_frames)
+        self._rectification: Rectification | None = None
+        self._until_look = 0
+        self._strays = 0
+
+    def update(self, pair: EnhancedPair) -> Rectification:
+        if self._rectification is not None and self._until_look > 0:
+            self._until_look -= 1
+            return self._rectification
+        if self._rectification is not None and self._rectification.locked:
+            return self._watch(pair, self._rectification)
+        return self._gather(pair)
+
+    def _gather(self, pair: EnhancedPair) -> Rectification:
+        """Add a frame and estimate from all; a frame that gives nothing changes nothing."""
+        kept = self._rectification
+        try:
+            found = find_tie_points(pair, self._params)
+        except EstimationError:
+            if kept is None:
+                raise
+            return kept
+        try:
+            estimate = estimate_rectification(gathered([*self._frames, found]), self._params)
+        except EstimationError:
+            self._strays += 1
+            if kept is None or self._strays > self._params.drift_patience:
+                self._forget()
+                raise
+            return kept
+        return self._take(found, estimate)
+
+    def _take(self, found: TiePoints, estimate: Rectification) -> Rectification:
+        self._frames.append(found)
+        self._strays = 0
+        points = sum(len(frame) for frame in self._frames)
+        enough = len(self._frames) >= self._params.lock_frames and points >= self._params.lock_points
+        self._until_look = self._params.watch_interval - 1 if enough else 0
+        quality = replace(estimate.quality, warnings=self._warnings + estimate.quality.warnings)
+        self._rectification = replace(estimate, quality=quality, locked=enough and not estimate.flat)
+        return self._rectification
+
+    def _watch(self, pair: EnhancedPair, kept: Rectification) -> Rectification:
+        """Measure the row error of a locked rig."""
+        try:
+            found = find_tie_points(pair, self._params, longest_side=self._params.tie_image_side // 2)
+        except EstimationError:
+            return kept
+        median, p95 = row_statistics(kept.row_errors(found))
+        quality = replace(kept.quality, row_error_median_px=median, row_error_p95_px=p95, inliers=len(found))
+        self._rectification = kept.with_quality(quality)
+        self._strays = self._strays + 1 if median > self._params.drift_limit_px else 0
+        if self._strays >= self._params.drift_patience:
+            self._forget()
+            return self._gather(pair)
+        self._until_look = 0 if self._strays else self._params.watch_interval - 1
+        return self._rectification
+
+    def _forget(self) -> None:
+        self._frames.clear()
+        self._rectification = None
+        self._until_look = self._strays = 0
+
+
+def _fingerprint(camera: CameraModel) -> tuple[object, ...]:
+    arrays = (camera.k, camera.d, camera.r, camera.p)
+    return (camera.width, camera.height, camera.distortion_model, *(array.tobytes() for array in arrays))
+
+
+class RigTracker:
+    """Knows, frame by frame, how to rectify a rig. Deterministic: the same frames give the same rectifications.
+
+    Parameters
+    ----------
+    params : RectifyParams
+    """
+
+    def __init__(self, params: RectifyParams) -> None:
+        self.params = params
+        self._key: tuple[object, ...] = ()
+        self._rig: _Rig | None = None
+
+    def update(self, pair: EnhancedPair) -> Rectification:
+        """Look at a frame and return the rectification that fits it.
+
+        Parameters
+        ----------
+        pair : EnhancedPair
+            The next frame of the rig.
+
+        Returns
+        -------
+        Rectification
+            The calibration's, where the pair has one that describes a rig; else the estimate so far.
+            ``quality`` holds the row error last measured.
+
+        Raises
+        ------
+        ImageError
+            The images differ in size.
+        CalibrationError
+            A calibration is wrong, of another image size, or required and missing.
+        EstimationError
+            Nothing can be estimated yet, or the eyes are exchanged.
+        """
+        calibration = self._calibration(pair)
+        cameras = (calibration.left, calibration.right) if calibration else ()
+        key = (pair.left.shape[:2], pair.calibration is None, *map(_fingerprint, cameras))
+        if self._rig is None or key != self._key:
+            self._rig, self._key = self._start(pair, calibration), key
+        return self._rig.update(pair)
+
+    def _calibration(self, pair: EnhancedPair) -> StereoCalibration | None:
+        """The calibration to use, checked against the images."""
+        height, width = pair.left.shape[:2]
+        if pair.right.shape[:2] != (height, width):
+            raise ImageError(
+                f"right image: expected {width}x{height} px as the left one, got "
+                f"{pair.right.shape[1]}x{pair.right.shape[0]}"
+            )
+        use, calibration = self.params.calibration_use, pair.calibration
+        if use == "require" and calibration is None:
+            raise CalibrationError("calibration: expected one (calibration_use = require), got none")
+        if calibration is None or use == "ignore" or (use == "auto" and not has_baseline(calibration)):
+            return None
+        if (calibration.left.width, calibration.left.height) != (width, height):
+            raise CalibrationError(
+                f"calibration: expected one for images of {width}x{height} px, got one for "
+                f"{calibration.left.width}x{calibration.left.height}"
+            )
+        return calibration
+
+    def _start(self, pair: EnhancedPair, calibration: StereoCalibration | None) -> _Rig:
+        if calibration is not None:
+            return _CalibratedRig(calibration, self.params)
+        ignored = pair.calibration is not None and self.params.calibration_use != "ignore"
+        return _UncalibratedRig(self.params, (_NO_BASELINE,) if ignored else ())

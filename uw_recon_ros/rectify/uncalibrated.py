@@ -1,0 +1,196 @@
+"""From tie points to a rectification, without any calibration (paper 2.2)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from uw_recon_ros.errors import EstimationError
+from uw_recon_ros.rectify.candidate import Candidate, came_rectified, choose_axis
+from uw_recon_ros.rectify.infinity import baseline_side, infinity_shift
+from uw_recon_ros.rectify.params import RectifyParams
+from uw_recon_ros.rectify.quality import flatness_warnings, refusals
+from uw_recon_ros.rectify.rectification import Rectification, row_statistics
+from uw_recon_ros.rectify.tie_points import TiePoints, thinned
+from uw_recon_ros.rectify.views import View
+from uw_recon_ros.rectify.warp import inner_windows, make_canvas, swapped_map, swapped_window, warped_centre
+from uw_recon_ros.types import Axis, Matrix, RectificationQuality, StereoGeometry, Window
+
+_USUAL_FOCAL = 3.0**-0.5  # of w + h: what the prior of the fit assumes
+_INFINITY_SIGMA_LIMIT_PX = 1.0
+
+
+def _intrinsics(tie_points: TiePoints, focal_px: float) -> Matrix:
+    u, v = (tie_points.width - 1) / 2, (tie_points.height - 1) / 2
+    return np.array([[focal_px, 0.0, u], [0.0, focal_px, v], [0.0, 0.0, 1.0]])
+
+
+def _rotation_rows(view: View) -> tuple[tuple[float, ...], ...]:
+    return tuple(tuple(float(x) for x in row) for row in view.r)
+
+
+def _geometry(left: View, right: View, params: RectifyParams) -> StereoGeometry:
+    """Of horizontal views; metres only where baseline and focal length are both given."""
+    metric = params.baseline_m > 0 and params.focal_px > 0
+    return StereoGeometry(
+        focal_px=float(left.k_new[0, 0]),
+        cx_left=float(left.k_new[0, 2]),
+        cx_right=float(right.k_new[0, 2]),
+        cy=float(left.k_new[1, 2]),
+        baseline_m=params.baseline_m if metric else None,
+        rect_from_raw_left=_rotation_rows(left),
+    )
+
+
+def _as_given(candidate: Candidate, params: RectifyParams) -> Rectification:
+    """Leave the images as they are."""
+    points = candidate.everything
+    size = points.width, points.height
+    k = _intrinsics(points, params.focal_px or _USUAL_FOCAL * sum(size))
+    view = View(k, np.eye(3), k)
+    return Rectification(
+        view, view, *size, *size, geometry=_geometry(view, view, params), quality=RectificationQuality("given")
+    )
+
+
+def _views(candidate: Candidate) -> tuple[View, View]:
+    """Rotated views (eq. 14), ``K_new = K_old`` moved so that the images' centres stay near the middle, on one row."""
+    points, fit = candidate.everything, candidate.fit
+    k = _intrinsics(points, fit.focal_px)
+    views = [View(k, rotation, k) for rotation in (fit.rotation_left, fit.rotation_right)]
+    moves = np.array([warped_centre(view, points.width, points.height) for view in views]) - k[:2, 2]
+    moves[:, 1] = moves[:, 1].mean()
+    if not np.isfinite(moves).all():
+        raise EstimationError("rectification refused: the rectified cameras would have to look backwards")
+    left, right = (view.moved(*move) for view, move in zip(views, moves, strict=True))
+    return left, right
+
+
+def _refuse_unsound(candidate: Candidate, views: tuple[View, View], params: RectifyParams) -> None:
+    left, right = views[0].rectified(candidate.held_out.left), views[1].rectified(candidate.held_out.right)
+    row_error = row_statistics(left[:, 1] - right[:, 1])
+    reasons = refusals(views, candidate.fit.fundamental, row_error, candidate.everything, params)
+    if reasons:
+        raise EstimationError("rectification refused: " + "; ".join(reasons))
+
+
+def _warped(candidate: Candidate, views: tuple[View, View], params: RectifyParams) -> Rectification:
+    """Crop, or mark, what both horizontal views show, and make the maps."""
+    size = candidate.everything.width, candidate.everything.height
+    canvases = [make_canvas(view, *size, *size) for view in views]
+    windows = inner_windows((canvases[0].shown, canvases[1].shown), same_columns=False)
+    share = windows[0].width * windows[0].height / (size[0] * size[1])
+    if share < params.rectify_min_area:
+        raise EstimationError(
+            f"rectification refused: expected at least {params.rectify_min_area:.0%} of the image to remain, "
+            f"got {share:.0%}"
+        )
+    kept = windows if params.rectify_crop else (Window(0, 0, *size),) * 2
+    left, right = (view.moved(w.u, w.v) for view, w in zip(views, kept, strict=True))
+    maps = [canvas.part(w) for canvas, w in zip(canvases, kept, strict=True)]
+    valid = (None, None) if params.rectify_crop else windows
+    return Rectification(
+        left, right, *size, kept[0].width, kept[0].height,
+        geometry=_geometry(left, right, params), quality=RectificationQuality("quasi-euclidean"),
+        left_map=maps[0], right_map=maps[1], valid_left=valid[0], valid_right=valid[1],
+        infinity_sigma_px=candidate.fit.infinity_sigma_px,
+    )  # fmt: skip
+
+
+def _exchanged(parallax: Matrix, raw: Matrix) -> EstimationError:
+    low, high = np.quantile(parallax, [0.05, 0.95])
+    return EstimationError(
+        f"exchanged eyes: expected positive disparities, got {(parallax < 0).mean():.0%} of {len(parallax)} tie points "
+        f"negative ({low:.0f} to {high:.0f} px; raw images: median {np.median(raw):.0f} px): give the left camera's "
+        "image as the left one, or turn both images by 180 degrees if the rig hung upside down"
+    )
+
+
+def _sided(rectification: Rectification, candidate: Candidate) -> tuple[Rectification, tuple[str, ...]]:
+    """Settle the baseline's sign and the plane at infinity; see `infinity`."""
+    points, geometry = candidate.everything, rectification.geometry
+    parallax, raw = rectification.parallax(points), points.left[:, 0] - points.right[:, 0]
+    side = baseline_side(parallax, raw, candidate.axis)
+    if side < 0 and candidate.axis == "horizontal":
+        raise _exchanged(parallax, raw)
+    baseline = None if geometry.baseline_m is None else side * geometry.baseline_m
+    shift = infinity_shift(side * parallax)
+    geometry = replace(geometry, baseline_sign=side, baseline_m=baseline, cx_right=geometry.cx_right + side * shift)
+    moved = f"the plane at infinity was moved by {shift:.1f} px to have all tie points in front of the rig"
+    if geometry.metric:
+        moved += ": metres are not to be trusted"
+    return replace(rectification, geometry=geometry), (moved,) if shift > 0 else ()
+
+
+def _judged(
+    rectification: Rectification, candidate: Candidate, warnings: tuple[str, ...], params: RectifyParams
+) -> Rectification:
+    """Row error on the held-out tie points, and what to beware of."""
+    median, p95 = row_statistics(rectification.row_errors(candidate.held_out))
+    sigma = rectification.infinity_sigma_px
+    if rectification.geometry.metric and sigma > _INFINITY_SIGMA_LIMIT_PX:
+        warnings += (f"metres are vague: points at infinity may have a disparity of +-{sigma:.1f} px",)
+    flat = flatness_warnings(candidate.everything, params)
+    quality = replace(
+        rectification.quality,
+        row_error_median_px=median,
+        row_error_p95_px=p95,
+        inliers=len(candidate.everything),
+        warnings=warnings + flat,
+    )
+    return replace(rectification, quality=quality, flat=bool(flat))
+
+
+def _upright(rectification: Rectification, axis: Axis) -> Rectification:
+    """Back from the frame in which the axis is horizontal."""
+    if axis == "horizontal":
+        return rectification
+    r = rectification
+    left, right = r.left.transposed(), r.right.transposed()
+    maps = [None if m is None else swapped_map(m) for m in (r.left_map, r.right_map)]
+    valid = [None if w is None else swapped_window(w) for w in (r.valid_left, r.valid_right)]
+    return Rectification(
+        left, right, r.raw_height, r.raw_width, r.height, r.width,
+        geometry=replace(r.geometry, axis=axis, rect_from_raw_left=_rotation_rows(left)), quality=r.quality,
+        left_map=maps[0], right_map=maps[1], valid_left=valid[0], valid_right=valid[1],
+        infinity_sigma_px=r.infinity_sigma_px, flat=r.flat,
+    )  # fmt: skip
+
+
+def estimate_rectification(tie_points: TiePoints, params: RectifyParams) -> Rectification:
+    """Rectify a rig from tie points alone: quasi-Euclidean, or as given where the rows agree already.
+
+    The disparity is honest, the scale is not known, and the focal length is a guess that makes rows agree: metres come
+    only from ``baseline_m`` and ``focal_px`` given together. ``K_new`` equals ``K_old`` but for the principal points,
+    which follow the crop; where infinity lies is approximated, see `uw_recon_ros.rectify.infinity`.
+
+    Parameters
+    ----------
+    tie_points : TiePoints
+        Inliers of one epipolar geometry, from one frame or several.
+    params : RectifyParams
+
+    Returns
+    -------
+    Rectification
+        Its quality is measured on tie points left out of the fit.
+
+    Raises
+    ------
+    EstimationError
+        Too few tie points, forward motion, rows that disagree, distorted images, exchanged eyes; with the numbers.
+    """
+    if len(tie_points) < params.tie_points_min:
+        raise EstimationError(
+            f"rectification: expected at least {params.tie_points_min} tie points, got {len(tie_points)}"
+        )
+    candidate = choose_axis(thinned(tie_points, params.tie_points_max, params.rectify_seed), params)
+    if came_rectified(candidate, params):
+        rectification = _as_given(candidate, params)
+    else:
+        views = _views(candidate)
+        _refuse_unsound(candidate, views, params)
+        rectification = _warped(candidate, views, params)
+    rectification, warnings = _sided(rectification, candidate)
+    return _upright(_judged(rectification, candidate, warnings, params), candidate.axis)

@@ -1,0 +1,148 @@
+"""Maps from rectified to raw pixels, and the rectangle of them that shows something."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_recon_ros.rectify.views import View
+from uw_recon_ros.types import ByteImage, FloatImage, Mask, Matrix, Window
+
+_INTERPOLATION = {"linear": cv2.INTER_LINEAR, "cubic": cv2.INTER_CUBIC, "lanczos": cv2.INTER_LANCZOS4}
+Columns = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Canvas:
+    """One rectified view before cropping.
+
+    Parameters
+    ----------
+    view : View
+    raw_from_rect : (H, W, 2) float32
+        Raw pixel (u, v) of every rectified pixel.
+    shown : (H, W) bool
+        Where that lies within the raw image.
+    """
+
+    view: View
+    raw_from_rect: FloatImage
+    shown: Mask
+
+    def part(self, window: Window) -> FloatImage:
+        """The map of a window."""
+        return np.ascontiguousarray(self.raw_from_rect[window.slices])
+
+
+def make_canvas(view: View, width: int, height: int, raw_width: int, raw_height: int) -> Canvas:
+    """Map every pixel of a rectified image of the given size."""
+    v, u = np.mgrid[0:height, 0:width].astype(np.float64)
+    raw = view.raw(np.column_stack([u.ravel(), v.ravel()])).reshape(height, width, 2)
+    limit = np.array([raw_width, raw_height]) - 0.5  # a pixel's square belongs to the image
+    with np.errstate(invalid="ignore"):
+        shown = np.asarray(np.logical_and(raw >= -0.5, raw <= limit).all(axis=2))
+    raw[~np.isfinite(raw)] = -1e4
+    return Canvas(view, raw.clip(-1e4, 1e5).astype(np.float32), shown)
+
+
+def _longest_run(row: Mask) -> tuple[int, int]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], row, [False]]).astype(np.int8)))
+    runs = edges.reshape(-1, 2)
+    first, last = max(runs, key=lambda run: run[1] - run[0])
+    return int(first), int(last)
+
+
+def row_spans(shown: Mask) -> tuple[Columns, Columns]:
+    """First column and column after the last of the longest run of True in every row; equal where there is none."""
+    width = shown.shape[1]
+    count = shown.sum(axis=1)
+    first, last = shown.argmax(axis=1), width - shown[:, ::-1].argmax(axis=1)
+    last = np.where(count > 0, last, first)
+    for row in np.flatnonzero(last - first != count):
+        first[row], last[row] = _longest_run(shown[row])
+    return first.astype(np.int64), last.astype(np.int64)
+
+
+def inner_windows(shown: tuple[Mask, Mask], *, same_columns: bool) -> tuple[Window, Window]:
+    """Largest rectangles wholly shown in either view, of one size and on the same rows.
+
+    Parameters
+    ----------
+    shown : two of (H, W) bool
+        What the left and the right view show.
+    same_columns : bool
+        Whether both rectangles must have the same columns, too.
+
+    Returns
+    -------
+    Window, Window
+        Of area 0 where there are none.
+    """
+    first, last = (np.stack(edges) for edges in zip(*(row_spans(mask) for mask in shown), strict=True))
+    if same_columns:
+        first, last = first.max(axis=0, keepdims=True), last.min(axis=0, keepdims=True)
+    height = first.shape[1]
+    best = (0, 0, 0, 0)  # area, top, rows, width
+    for top in range(height):
+        if (height - top) * shown[0].shape[1] <= best[0]:
+            break
+        left, right = np.maximum.accumulate(first[:, top:], axis=1), np.minimum.accumulate(last[:, top:], axis=1)
+        widths = (right - left).min(axis=0)
+        areas = widths * np.arange(1, height - top + 1)
+        rows = int(areas.argmax())
+        if areas[rows] > best[0]:
+            best = (int(areas[rows]), top, rows + 1, int(widths[rows]))
+    _, top, rows, width = best
+    windows = [_centred(f[top : top + rows], e[top : top + rows], top, width) for f, e in zip(first, last, strict=True)]
+    return windows[0], windows[-1]
+
+
+def _centred(first: Columns, last: Columns, top: int, width: int) -> Window:
+    """A window of the given width in the middle of what all rows show."""
+    if not width:
+        return Window(0, top, 0, 0)
+    left, right = int(first.max()), int(last.min())
+    return Window(left + (right - left - width) // 2, top, width, len(first))
+
+
+def warp_image(image: ByteImage, raw_from_rect: FloatImage, interpolation: str) -> ByteImage:
+    """Read an image at the raw pixels of a map; black outside.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3) uint8
+    raw_from_rect : (h, w, 2) float32
+    interpolation : {'linear', 'cubic', 'lanczos'}
+
+    Returns
+    -------
+    (h, w) or (h, w, 3) uint8
+    """
+    height, width = image.shape[:2]
+    u, v = raw_from_rect[..., 0], raw_from_rect[..., 1]
+    warped = np.asarray(
+        cv2.remap(image, u, v, _INTERPOLATION[interpolation], borderMode=cv2.BORDER_REPLICATE), np.uint8
+    )
+    outside = (raw_from_rect < -0.5) | (raw_from_rect > np.array([width - 0.5, height - 0.5], np.float32))
+    if outside.any():
+        warped[outside.any(axis=2)] = 0
+    return warped
+
+
+def swapped_map(raw_from_rect: FloatImage) -> FloatImage:
+    """The map of a view with rows and columns exchanged."""
+    return np.ascontiguousarray(raw_from_rect.transpose(1, 0, 2)[..., ::-1])
+
+
+def swapped_window(window: Window) -> Window:
+    """The window of a view with rows and columns exchanged."""
+    return Window(window.v, window.u, window.height, window.width)
+
+
+def warped_centre(view: View, raw_width: int, raw_height: int) -> Matrix:
+    """Rectified pixel of the raw image's centre, (2,) px."""
+    centre: Matrix = view.rectified(np.array([[(raw_width - 1) / 2, (raw_height - 1) / 2]]))[0]
+    return centre
