@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.preprocess.arrays import FloatArray, checked_float, checked_number
 
-_SAMPLES = 1 << 18  # an image, for percentiles: their error is then under 0.1 percentile points
+_SAMPLES = 1 << 18  # pixels of an image, for percentiles
 
 _SMALLEST_CONTRAST = 1e-3  # under it, what is stretched would be rounding
 

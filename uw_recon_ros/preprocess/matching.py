@@ -56,15 +56,15 @@ def channel_weights(images: Sequence[FloatArray]) -> NDArray[np.float64]:
 
 
 def _texture_over_variance(planes: Sequence[FloatArray]) -> float:
-    step = max(2, planes[0].size // _SAMPLES)
-    rows = [(plane[:-1:step], plane[1::step]) for plane in planes]
-    diagonal = np.concatenate([np.abs(np.diff(below - above, axis=1)).ravel() for above, below in rows])
-    lagged = np.concatenate([(above[:, _TEXTURE_LAG:] - above[:, :-_TEXTURE_LAG]).ravel() for above, _ in rows])
-    if diagonal.size == 0 or lagged.size == 0:
-        return 0.0
-    noise = float(np.median(diagonal)) / (2 * 0.6745)
-    texture = 0.5 * float(np.mean(np.square(lagged))) - noise * noise
-    return float(np.sqrt(max(texture, 0.0))) / max(noise, 0.5 * _GRAY_LEVEL) ** 2
+    noise = max(_noise_sigma(planes), _GRAY_LEVEL)
+    step = max(1, planes[0].size // _SAMPLES)
+    lagged = [np.square(plane[::step, _TEXTURE_LAG:] - plane[::step, :-_TEXTURE_LAG]).ravel() for plane in planes]
+    texture = 0.5 * float(np.concatenate([[2 * noise**2], *lagged]).mean()) - noise**2
+    return float(np.sqrt(max(texture, 0.0))) / noise**2
+
+
+def _noise_sigma(planes: Sequence[FloatArray]) -> float:
+    return wavelet.noise_sigma([wavelet.decompose(_bordered(plane, 1), 1) for plane in planes])
 
 
 def weighted_gray(image: FloatArray, weights: NDArray[np.float64]) -> FloatArray:
@@ -92,8 +92,8 @@ def excess_sigma(images: Sequence[FloatArray]) -> float:
     images : sequence of (H, W) float32 or float64
         Both eyes, in [0, 1].
     """
-    pyramids = [wavelet.decompose(_bordered(checked_float("images", image), 1), 1) for image in images]
-    return float(np.sqrt(max(wavelet.noise_sigma(pyramids) ** 2 - _GRAY_LEVEL**2, 0.0)))
+    noise = _noise_sigma([checked_float("images", image) for image in images])
+    return float(np.sqrt(max(noise**2 - _GRAY_LEVEL**2, 0.0)))
 
 
 def denoise_evenly(gray: FloatArray, sigma: float, *, levels: int = 4) -> FloatArray:

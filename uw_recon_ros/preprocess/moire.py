@@ -1,7 +1,7 @@
 """Step 1: find single waves that run through the whole image, and take them away.
 
-Moire and electrical interference make peaks one spectral bin wide; a fence, a net or sand ripples bend, end or have
-harmonics, and are left alone.
+Moire and electrical interference make peaks one spectral bin wide. A fence, a net, a chequerboard or sand ripples bend,
+end, or have harmonics: then the image is left as it is, for what repeats is the picture.
 
 References
 ----------
@@ -22,6 +22,7 @@ from uw_recon_ros.preprocess.spectrum import Spectrum, level_db
 Frequencies = NDArray[np.float64]  # (N, 2): along v and u, cycles / px
 
 _SMALLEST = 32  # px: below it a spectrum has too few bins to tell a peak from the picture
+_EVEN_SHARE = 0.5  # of a wave's power that does not change over the image
 _NOTCH_MODES = 5  # cosine modes of the wave's amplitude an axis: a notch 5 half cycles per image wide
 
 
@@ -57,11 +58,10 @@ def find_moire(
     if min(image.shape) < _SMALLEST:
         return np.zeros((0, 2))
     spectrum = Spectrum(level_db(image), image.shape)
-    waves = [
-        spectrum.refined(v, u)
-        for v, u in spectrum.candidates(prominence_db, min_frequency)
-        if spectrum.stands_alone(v, u) and not spectrum.has_harmonics(v, u)
-    ]
+    peaks = [peak for peak in spectrum.candidates(prominence_db, min_frequency) if spectrum.stands_alone(*peak)]
+    if any(spectrum.has_harmonics(*peak) for peak in peaks):
+        return np.zeros((0, 2))
+    waves = [wave for wave in (spectrum.refined(*peak) for peak in peaks) if _runs_through(image, np.array(wave))]
     return np.array(waves[:max_waves]).reshape(-1, 2)
 
 
@@ -121,29 +121,49 @@ def remove_waves(image: FloatArray, frequencies: Frequencies) -> FloatArray:
 
 
 def _wave(plane: FloatArray, frequency: NDArray[np.float64]) -> FloatArray:
-    frequency, pairs = _unpaired(frequency, plane.shape)
-    modes_v, modes_u = (
-        _modes(size, float(part), plane.dtype) for size, part in zip(plane.shape, frequency, strict=True)
-    )
-    centred = plane - plane.mean()
-    rows = modes_v.real @ centred + 1j * (modes_v.imag @ centred)
-    amplitude = rows @ modes_u.T
-    wave: FloatArray = pairs * (modes_v.conj().T @ amplitude @ modes_u.conj()).real
+    """The part of an image that is a wave of slowly changing amplitude."""
+    modes_v, modes_u = _modes(plane.shape, frequency)
+    amplitude = _amplitude(plane, modes_v, modes_u).astype(_complex(plane.dtype))
+    back_v, back_u = (modes.conj().astype(_complex(plane.dtype)) for modes in (modes_v, modes_u))
+    wave: FloatArray = 2 * (back_v.T @ (amplitude @ back_u)).real
     return wave
 
 
-def _unpaired(frequency: NDArray[np.float64], shape: tuple[int, ...]) -> tuple[NDArray[np.float64], int]:
-    """The frequency and how many times it is there: twice, but for multiples of 1/2, which are their own negatives."""
-    half = np.round(2 * frequency) / 2
-    own = bool(np.all(np.abs(frequency - half) * shape < 1))
-    return (half, 1) if own else (frequency, 2)
+def _amplitude(plane: FloatArray, modes_v: NDArray[Any], modes_u: NDArray[Any]) -> NDArray[np.complex128]:
+    """Complex amplitude of the wave in cosine modes, by least squares.
+
+    The projections c of the image on the modes hold the wave's own amplitude a and, where the negative frequency is
+    near, some of its conjugate: c = a + G conj(a).
+    """
+    rows_v = modes_v.astype(_complex(plane.dtype))
+    centred = plane - plane.mean()
+    projected = ((rows_v.real @ centred + 1j * (rows_v.imag @ centred)) @ modes_u.T).ravel()
+    mixing = np.kron(modes_v @ modes_v.T, modes_u @ modes_u.T)
+    identity = np.eye(projected.size)
+    system = np.block([[identity + mixing.real, mixing.imag], [mixing.imag, identity - mixing.real]])
+    solution = np.linalg.lstsq(system, np.concatenate([projected.real, projected.imag]), rcond=1e-6)[0]
+    real, imaginary = solution.reshape(2, len(modes_v), len(modes_u))
+    amplitude: NDArray[np.complex128] = real + 1j * imaginary
+    return amplitude
 
 
-def _modes(size: int, frequency: float, dtype: Any) -> NDArray[Any]:
-    """Orthonormal slow cosines, times the wave's conjugate."""
-    x = np.arange(size) + 0.5
-    order = np.arange(min(_NOTCH_MODES, size))
-    cosines = np.cos(np.pi / size * np.outer(order, x)) * np.sqrt(np.where(order > 0, 2.0, 1.0) / size)[:, None]
-    modes = cosines * np.exp(-2j * np.pi * frequency * x)
-    narrowed: NDArray[Any] = modes.astype(np.complex64 if dtype == np.float32 else np.complex128)
-    return narrowed
+def _runs_through(image: FloatArray, frequency: NDArray[np.float64]) -> bool:
+    """Whether a wave has much the same amplitude and phase all over the image."""
+    power = np.square(np.abs(_amplitude(image, *_modes(image.shape, frequency))))
+    return bool(power[0, 0] > _EVEN_SHARE * power.sum())
+
+
+def _modes(shape: tuple[int, ...], frequency: NDArray[np.float64]) -> list[NDArray[np.complex128]]:
+    """Orthonormal slow cosines along each axis, times the wave's conjugate."""
+    modes = []
+    for size, part in zip(shape, frequency, strict=True):
+        x = np.arange(size) + 0.5
+        order = np.arange(min(_NOTCH_MODES, size))
+        norm = np.sqrt(np.where(order > 0, 2.0, 1.0) / size)
+        cosines = norm[:, None] * np.cos(np.pi / size * np.outer(order, x))
+        modes.append(cosines * np.exp(-2j * np.pi * part * x))
+    return modes
+
+
+def _complex(dtype: np.dtype[Any]) -> type[np.complexfloating[Any]]:
+    return np.complex64 if dtype == np.float32 else np.complex128

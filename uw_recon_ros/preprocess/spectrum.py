@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import cv2
 import numpy as np
 import scipy.fft
@@ -10,6 +12,7 @@ from numpy.typing import NDArray
 from uw_recon_ros.preprocess.arrays import FloatArray
 
 Mask = NDArray[np.bool_]
+Index = TypeVar("Index", int, NDArray[np.intp])
 
 _REACH = 12  # bins around a peak that are its surroundings
 _CORE = 4  # bins around a peak that belong to it: the main lobe of the Hann window and a slow change of amplitude
@@ -67,9 +70,16 @@ class Spectrum:
         v, u = np.nonzero(high)
         fast = np.hypot(scipy.fft.fftfreq(self.height)[v], u / self.width) >= min_frequency
         once = (u > 0) & (2 * u < self.width) | (v <= self.height // 2)  # those columns hold each wave twice
-        v, u = v[fast & once], u[fast & once]
+        chosen = fast & once & ~self._of_jpeg_blocks(v, u)
+        v, u = v[chosen], u[chosen]
         order = np.argsort(-self.level[v, u], kind="stable")
         return [(int(v[i]), int(u[i])) for i in order]
+
+    def _of_jpeg_blocks(self, v: NDArray[np.intp], u: NDArray[np.intp]) -> Mask:
+        """Whether bins are the edges of 8 x 8 blocks: multiples of 1/8 cycle / px along one axis."""
+        off_v = np.abs(_wrapped(8 * v, self.height)) <= 8
+        off_u = np.abs(_wrapped(8 * u, self.width)) <= 8
+        return off_v & off_u & ((np.abs(_wrapped(v, self.height)) <= 1) | (u <= 1))
 
     def surroundings(self, v: int, u: int) -> NDArray[np.float32]:
         """Levels around a bin, without those that belong to its wave."""
@@ -84,17 +94,22 @@ class Spectrum:
 
     def has_harmonics(self, v: int, u: int) -> bool:
         """Whether what repeats has a shape other than a sine: a texture, or the blocks of a JPEG."""
-        return any(self._is_harmonic(times * v, times * u, times) for times in (2, 3))
+        return any(self._is_harmonic(v, u, times) for times in (2, 3))
 
-    def _is_harmonic(self, v: int, u: int, reach: int) -> bool:
-        v, u = v % self.height, u % self.width
+    def _is_harmonic(self, peak_v: int, peak_u: int, times: int) -> bool:
+        v, u = times * peak_v % self.height, times * peak_u % self.width
         if u >= self.level.shape[1]:  # aliased: its mirror image is in the half plane
             v, u = -v % self.height, self.width - u
-        if max(abs(_wrapped(v, self.height)), u) <= 2 * _REACH:  # aliased on to the picture itself
+        taken = ((0, 0), (peak_v, peak_u), (-peak_v, -peak_u))
+        if any(self._near(v, u, *other) for other in taken):  # aliased on to the picture or the wave itself
             return False
-        near = slice(_REACH - reach, _REACH + reach + 1)
+        near = slice(_REACH - times, _REACH + times + 1)
         found = self.padded[v : v + 2 * _REACH + 1, u : u + 2 * _REACH + 1][near, near].max()
         return bool(found > np.median(self.surroundings(v, u)) + _HARMONIC_DB)
+
+    def _near(self, v: int, u: int, other_v: int, other_u: int) -> bool:
+        apart = abs(_wrapped(v - other_v, self.height)), abs(_wrapped(u - other_u, self.width))
+        return max(apart) <= 2 * _REACH
 
     def refined(self, v: int, u: int) -> tuple[float, float]:
         """Frequency between the bins, by parabolas through the levels, cycles / px."""
@@ -104,7 +119,7 @@ class Spectrum:
         return (v + _vertex(along_v)) / self.height, (u + _vertex(along_u)) / self.width
 
 
-def _wrapped(index: int, size: int) -> int:
+def _wrapped(index: Index, size: int) -> Index:
     """`index` modulo `size`, in [-size / 2, size / 2)."""
     return (index + size // 2) % size - size // 2
 

@@ -1,0 +1,54 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from uw_recon_ros.preprocess.extension import crop_extension, extend_symmetric, extension_side, extension_window
+
+
+@settings(derandomize=True, max_examples=60, deadline=None)
+@given(
+    st.integers(1, 70), st.integers(1, 70), st.sampled_from([0, 1, 3]),
+    st.sampled_from([np.uint8, np.uint16, np.float32, np.float64]),
+)  # fmt: skip
+def test_any_size_comes_back_exactly(height: int, width: int, channels: int, dtype: type) -> None:
+    shape = (height, width, channels) if channels else (height, width)
+    image = np.random.default_rng(height * 100 + width).integers(0, 256, shape).astype(dtype)
+    extended = extend_symmetric(image)
+    side = extended.shape[0]
+    assert extended.shape == (side, side, *shape[2:])
+    assert extended.dtype == dtype
+    assert side & (side - 1) == 0
+    assert max(height, width) <= side < 2 * max(height, width)
+    np.testing.assert_array_equal(crop_extension(extended, height, width), image)
+
+
+@settings(derandomize=True, max_examples=30, deadline=None)
+@given(st.integers(1, 40), st.integers(1, 40))
+def test_extension_is_the_mirror_image(height: int, width: int) -> None:
+    image = np.random.default_rng(7).random((height, width))
+    side = extension_side(height, width)
+    rows, columns = extension_window(height, width)
+    padding = (rows.start, side - rows.stop), (columns.start, side - columns.stop)
+    np.testing.assert_array_equal(extend_symmetric(image), np.pad(image, padding, mode="symmetric"))
+
+
+def test_a_square_power_of_two_is_left_as_it_is() -> None:
+    image = np.random.default_rng(0).random((64, 64))
+    np.testing.assert_array_equal(extend_symmetric(image), image)
+
+
+@pytest.mark.parametrize(("size", "side"), [((1, 1), 1), ((2, 1), 2), ((480, 640), 1024), ((1080, 1920), 2048)])
+def test_sides(size: tuple[int, int], side: int) -> None:
+    assert extension_side(*size) == side
+
+
+def test_errors_name_what_is_wrong() -> None:
+    with pytest.raises(ValueError, match=r"at least one pixel, got \(0, 5\)"):
+        extend_symmetric(np.zeros((0, 5)))
+    with pytest.raises(ValueError, match=r"expected 128 x 128 px for 100 x 70, got shape \(64, 64\)"):
+        crop_extension(np.zeros((64, 64)), 100, 70)
+    with pytest.raises(ValueError, match="expected at least 1 px, got 0, 5"):
+        extension_side(0, 5)
