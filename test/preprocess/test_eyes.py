@@ -52,7 +52,8 @@ def test_other_dtypes_are_the_callers_mistake(dtype: type) -> None:
 
 
 @pytest.mark.parametrize(
-    ("left", "right", "scale"), [(200, 255, 255), (256, 3, 1023), (900, 4095, 4095), (4096, 0, 16383), (1, 65535, 65535)]
+    ("left", "right", "scale"),
+    [(200, 255, 255), (256, 3, 1023), (900, 4095, 4095), (4096, 0, 16383), (1, 65535, 65535)],
 )
 def test_scale_is_common_to_both_eyes_and_fits_the_brighter(left: int, right: int, scale: float) -> None:
     eyes = np.full((2, 2), left, np.uint16), np.full((2, 2), right, np.uint16)

@@ -88,9 +88,9 @@ def test_black_and_negative_stay_finite() -> None:
 
 
 def test_errors_name_what_is_wrong() -> None:
-    with pytest.raises(ValueError, match="cutoff: expected a number in .*, got 0"):
+    with pytest.raises(ValueError, match=r"cutoff: expected a number in .*, got 0"):
         homomorphic_filter(np.ones((8, 8)), 0)
-    with pytest.raises(ValueError, match="low_gain: .*, got -1"):
+    with pytest.raises(ValueError, match=r"low_gain: .*, got -1"):
         homomorphic_gain((8, 8), 1.0, -1)
     with pytest.raises(ValueError, match="luminance: expected finite values"):
         homomorphic_filter(np.full((8, 8), np.inf), 1.0)

@@ -48,7 +48,7 @@ def test_float32_stays_float32() -> None:
 def test_errors_name_what_is_wrong() -> None:
     with pytest.raises(ValueError, match="images: expected at least one, got none"):
         intensity_bounds([])
-    with pytest.raises(ValueError, match="clip_percent: expected a number in .*, got 60"):
+    with pytest.raises(ValueError, match=r"clip_percent: expected a number in .*, got 60"):
         intensity_bounds([np.zeros((4, 4))], 60)
     with pytest.raises(ValueError, match="got 16 NaN"):
         stretch(np.full((4, 4), np.nan), (0.0, 1.0))

@@ -81,7 +81,7 @@ def test_errors_name_what_is_wrong() -> None:
         decompose(np.zeros((12, 8)), 3)
     with pytest.raises(ValueError, match="levels >= 1"):
         decompose(np.zeros((8, 8)), 0)
-    with pytest.raises(ValueError, match="sigma: expected a number in .*, got nan"):
+    with pytest.raises(ValueError, match=r"sigma: expected a number in .*, got nan"):
         shrink(decompose(np.zeros((8, 8)), 2), float("nan"))
     with pytest.raises(ValueError, match="window: expected an odd number >= 1, got 4"):
         shrink(decompose(np.zeros((8, 8)), 2), 1.0, window=4)
