@@ -71,7 +71,9 @@ if CACHE_DIRECTORY is not None:
     os.environ["NUMBA_CACHE_DIR"] = str(CACHE_DIRECTORY)
 
 import numba  # noqa: E402  (reads the environment when first imported)
+from numba.core.cpu import CPUTargetOptions  # noqa: E402
 
+_OPTIONS = dir(CPUTargetOptions)  # do without those that this numba does not know: ``_nrt`` is private
 _digests: dict[Path, str] = {}
 
 
@@ -97,8 +99,12 @@ def _cache_for(function: Callable[..., Any]) -> Path | None:
 @overload
 def kernel(function: Callable[P, R]) -> Callable[P, R]: ...
 @overload
-def kernel(*, fastmath: bool = False, inline: bool = False) -> Callable[[Callable[P, R]], Callable[P, R]]: ...
-def kernel(function: Callable[..., Any] | None = None, *, fastmath: bool = False, inline: bool = False) -> Any:
+def kernel(
+    *, fastmath: bool = False, inline: bool = False, allocates: bool = True
+) -> Callable[[Callable[P, R]], Callable[P, R]]: ...
+def kernel(
+    function: Callable[..., Any] | None = None, *, fastmath: bool = False, inline: bool = False, allocates: bool = True
+) -> Any:
     """Compile a function to machine code when first called: no GIL, no bounds checks, cached on disk.
 
     Used bare (``@kernel``) or with options (``@kernel(fastmath=True)``).
@@ -111,22 +117,27 @@ def kernel(function: Callable[..., Any] | None = None, *, fastmath: bool = False
     fastmath : bool
         Allow sums to be reordered: faster, but bits then depend on the machine.
     inline : bool
-        Paste the body into the calling kernel before compilation.
+        Always paste the machine code into the calling kernel: for helpers that are handed many arrays.
+    allocates : bool
+        Whether it makes arrays (views apart). Where not, numba can leave out the counting of references, which takes
+        more than half of the time of small kernels that hand arrays to each other.
 
     Returns
     -------
     callable
         Of the same signature. Division by zero gives inf or NaN, as in numpy.
     """
-    if function is None:
-        return lambda decorated: _compile(decorated, fastmath, inline)
-    return _compile(function, fastmath, inline)
-
-
-def _compile(function: Callable[..., Any], fastmath: bool, inline: bool) -> Any:
     options: dict[str, Any] = {"nogil": True, "boundscheck": False, "error_model": "numpy", "fastmath": fastmath}
-    if inline:
-        options["inline"] = "always"
+    if inline and "forceinline" in _OPTIONS:
+        options["forceinline"] = True
+    if not allocates and "_nrt" in _OPTIONS:
+        options["_nrt"] = False
+    if function is None:
+        return lambda decorated: _compile(decorated, options)
+    return _compile(function, options)
+
+
+def _compile(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     with _lock:
         directory, before = _cache_for(function), numba.config.CACHE_DIR
         numba.config.CACHE_DIR = str(directory or "")

@@ -1,0 +1,1 @@
+"""Matching (paper section 2.3): disparity by graph cuts."""

@@ -1,0 +1,169 @@
+"""Alpha-expansion after Kolmogorov and Zabih (2002): the best labelling that one label can make of the present one."""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_recon_ros.jit import kernel
+from uw_recon_ros.match.constants import Constants
+from uw_recon_ros.match.cost import View
+from uw_recon_ros.match.energy import OCCLUDED, Labels
+from uw_recon_ros.match.forest import gather, grow, join_bands, plant
+from uw_recon_ros.match.graph import CHANGED, FORBIDDEN, RECORD, Flow, Graph, Lists, Part
+from uw_recon_ros.match.labelling import Costs, Scene, act, prepare, weights_of
+from uw_recon_ros.match.mincut import push_relabel
+from uw_recon_ros.match.tiles import make_tiles, most_runs, note_changes, open_tiles
+
+_BASE = 64  # tags of a move: its number times this + height
+_LEAST_BAND = 24  # rows: smaller bands are not worth a thread
+
+
+class Expansion:
+    """A labelling that gets better move by move. At first nothing is matched: energy 0.
+
+    Parameters
+    ----------
+    left, right : View
+    min_disparity, max_disparity : int
+        Inclusive, px.
+    constants : Constants
+    threads : int
+        At most so many share a move. The result does not depend on it.
+
+    Attributes
+    ----------
+    energy : int
+        Of the present labelling, times ``constants.denominator``, as the flows give it.
+    """
+
+    def __init__(
+        self, left: View, right: View, min_disparity: int, max_disparity: int, constants: Constants, threads: int = 1
+    ) -> None:
+        height, width = left.smooth.shape
+        self.energy = 0
+        self._min_disparity = min_disparity
+        self._move = 0
+        self._scene = Scene(left, right, height, width, constants.denominator, constants.occlusion_cost)
+        self._graph = _make_graph(height, width, constants)
+        self._costs = Costs(np.zeros(height * width, np.int16), np.zeros(height * width, np.int16))
+        self._flow = _make_flow(height * width)
+        self._tiles = make_tiles(height, width, max_disparity - min_disparity + 1)
+        self._runs = np.zeros((most_runs(height, width), 2), np.int32)
+        self._fresh = np.zeros(height * width, np.int32)
+        self._bands = _make_bands(height, width, threads)
+        flags = np.zeros(2 * height * width, np.uint8)
+        self._lists = [
+            _make_lists(height * width if index == 0 else stop - first, flags)
+            for index, (first, stop) in enumerate(self._bands)
+        ]
+
+    @property
+    def labels(self) -> Labels:
+        """(H, W) int16: disparities of the left pixels, px; `OCCLUDED` = none. A copy."""
+        labels: Labels = self._graph.label.reshape(self._scene.height, self._scene.width).copy()
+        return labels
+
+    def expand(self, alpha: int, executor: Executor) -> int:
+        """Make the best move that keeps or drops each active assignment and switches on any of disparity `alpha`.
+
+        Only tiles that may have changed their mind since `alpha` was last tried take part (see `tiles`).
+
+        Returns
+        -------
+        int
+            By how much the energy fell.
+        """
+        self._move += 1
+        label, width = alpha - self._min_disparity, self._scene.width
+        count = open_tiles(label, alpha, self._move, width, self._tiles, self._graph.opened, self._runs)
+        if count == 0:
+            return 0
+        whole = Part(alpha, self._move * _BASE, self._graph.label.size, 0, self._graph.label.size)
+        self._solve_bands(whole, self._runs[:count], executor)
+        if not any(lists.state[CHANGED] for lists in self._lists):
+            return 0
+        if len(self._lists) > 1:
+            self._join(whole)
+        return self._act(whole)
+
+    def _solve_bands(self, whole: Part, runs: NDArray[np.int32], executor: Executor) -> None:
+        parts = [whole._replace(first=first, stop=stop) for first, stop in self._bands]
+        cuts = np.searchsorted(runs[:, 0], [part.first for part in parts] + [whole.pixels])
+        pieces = [runs[first:stop] for first, stop in pairwise(cuts)]
+
+        def solve(part: Part, piece: NDArray[np.int32], lists: Lists) -> None:
+            _solve(piece, part, self._scene, self._costs, self._graph, self._flow, lists)
+
+        if len(parts) == 1:
+            solve(parts[0], pieces[0], self._lists[0])
+        else:
+            list(executor.map(solve, parts, pieces, self._lists))
+
+    def _join(self, whole: Part) -> None:
+        for lists, (first, _) in zip(self._lists[1:], self._bands[1:], strict=True):
+            join_bands(first, lists, whole, self._graph, self._flow, self._lists[0])
+        grow(whole, self._graph, self._flow, self._lists[0])
+
+    def _act(self, whole: Part) -> int:
+        lists = self._lists[0]
+        fall = int(gather(self._flow, lists))
+        changed = lists.changed[: lists.state[CHANGED]]
+        note_changes(changed, whole.alpha, self._move, self._scene.width, self._graph.label, self._tiles)
+        act(changed, whole, self._scene, self._costs, self._graph, self._fresh)
+        self.energy -= fall
+        return fall
+
+
+@kernel
+def _solve(
+    runs: NDArray[np.int32], part: Part, scene: Scene, costs: Costs, graph: Graph, flow: Flow, lists: Lists
+) -> None:
+    """All of a move that concerns one band alone."""
+    prepare(runs, part, scene, costs, graph)
+    push_relabel(runs, part, graph, flow, lists)
+    plant(flow, lists)
+    grow(part, graph, flow, lists)
+
+
+def _make_graph(height: int, width: int, constants: Constants) -> Graph:
+    pixels = height * width
+    return Graph(
+        label=np.full(pixels, OCCLUDED, np.int16),
+        partner=np.full(pixels, -1, np.int32),
+        gain=np.full(2 * pixels, -FORBIDDEN, np.int32),
+        links=np.zeros(2 * pixels, np.uint8),
+        opened=np.zeros(pixels, np.uint8),
+        weights=weights_of(constants),
+        steps=np.array([1, -1, width, -width], np.int64),
+    )
+
+
+def _make_flow(pixels: int) -> Flow:
+    return Flow(
+        node=np.zeros(2 * pixels * RECORD, np.int32),
+        tag=np.zeros(2 * pixels, np.int32),
+        parent=np.zeros(2 * pixels, np.int8),
+        distance=np.zeros(2 * pixels, np.int32),
+        time=np.zeros(2 * pixels, np.int32),
+    )
+
+
+def _make_bands(height: int, width: int, threads: int) -> list[tuple[int, int]]:
+    """First and one past the last pixel of each band of rows."""
+    count = max(1, min(threads, height // _LEAST_BAND))
+    rows = [height * index // count for index in range(count + 1)]
+    return [(first * width, stop * width) for first, stop in pairwise(rows)]
+
+
+def _make_lists(pixels: int, flags: NDArray[np.uint8]) -> Lists:
+    return Lists(
+        active=np.zeros(2 * pixels + 1, np.int32),
+        orphans=np.zeros(2 * pixels + 1, np.int32),
+        changed=np.zeros(2 * pixels, np.int32),
+        flags=flags,
+        state=np.zeros(6, np.int64),
+    )
