@@ -1,4 +1,4 @@
-"""DisparityImage by its own definition: d = u_left - u_right - (cx_left - cx_right), Z = f T / d."""
+"""DisparityImage: d = u_left - u_right, or adjusted by cx_right - cx_left as its own definition says."""
 
 from __future__ import annotations
 
@@ -30,10 +30,16 @@ def over_the_wire(message: DisparityImage | Image) -> DisparityImage | Image:
     return deserialize_message(serialize_message(message), type(message))
 
 
-def test_depth_as_the_definition_says_is_the_depth_of_the_geometry() -> None:
-    message = over_the_wire(disparity_message(sample()))
+def test_the_values_are_those_of_the_map() -> None:
+    wire = np.frombuffer(over_the_wire(disparity_message(sample())).image.data, np.float32)
+    np.testing.assert_array_equal(wire.reshape(2, 3), VALUES)
+
+
+def test_adjusted_disparities_give_depth_as_the_message_defines_it() -> None:
+    message = over_the_wire(disparity_message(sample(), adjusted=True))
     wire = np.frombuffer(message.image.data, np.float32).reshape(2, 3)
     front = wire > 0
+    assert front.sum() == 4
     np.testing.assert_allclose(
         message.f * message.t / wire[front], GEOMETRY.depth_from_disparity(VALUES)[front], rtol=1e-6
     )
@@ -46,8 +52,8 @@ def test_fields() -> None:
     message = disparity_message(sample())
     assert (message.f, message.t) == (500.0, 0.12)
     assert (message.valid_window.width, message.valid_window.height) == (3, 2)
-    assert message.max_disparity == 20 + 12
-    assert message.min_disparity == -11.25 + 12  # under the searched -10 by refinement, and valid all the same
+    assert message.max_disparity == 20
+    assert message.min_disparity == -11.25  # under the searched -10 by refinement, and valid all the same
     assert message.delta_d == 1 / 16
 
 
@@ -59,12 +65,13 @@ def test_unknown_baseline_is_nan() -> None:
     assert math.isnan(disparity_message(sample(StereoGeometry(500.0, 1.0, 1.0, 1.0))).t)
 
 
-@pytest.mark.parametrize("offset", [0.0, 12.0])
-def test_the_map_survives(offset: float) -> None:
-    geometry = StereoGeometry(500.0, 320.0, 320.0 + offset, 240.0, baseline_m=0.12)
-    sent = sample(geometry)
-    messages = [over_the_wire(make(sent)) for make in (disparity_message, sigma_message, status_message)]
-    got = disparity_from_message(messages[0], geometry, sigma=messages[1], status=messages[2])
+@pytest.mark.parametrize("adjusted", [False, True])
+def test_the_map_survives(adjusted: bool) -> None:
+    sent = sample()
+    sigma, status = over_the_wire(sigma_message(sent)), over_the_wire(status_message(sent))
+    message = over_the_wire(disparity_message(sent, adjusted=adjusted))
+    assert (message.min_disparity, message.max_disparity) == ((0.75, 32) if adjusted else (-11.25, 20))
+    got = disparity_from_message(message, GEOMETRY, sigma=sigma, status=status, adjusted=adjusted)
     np.testing.assert_array_equal(got.disparity, sent.disparity)
     np.testing.assert_array_equal(got.sigma, sent.sigma)
     np.testing.assert_array_equal(got.status, sent.status)

@@ -30,6 +30,8 @@ class Assembler:
         Largest difference of stamps within a group.
     memory_bytes : int
         What the waiting messages of one stream may take, beyond a few that always may.
+    latest : dict
+        The newest message of each input that is not paired.
     """
 
     def __init__(self, deliver: Callable[[Group], None], drop: Callable[[str, int], None]) -> None:
@@ -38,7 +40,7 @@ class Assembler:
         self.memory_bytes = 0
         self._streams: tuple[str, ...] = ()
         self._required_latest: frozenset[str] = frozenset()
-        self._latest: Group = {}
+        self.latest: Group = {}
         self._pending: Group | None = None
         self._largest = 1
         self._synchronizer: Synchronizer[Any] = Synchronizer(0)
@@ -62,12 +64,12 @@ class Assembler:
     def reset(self) -> None:
         """Forget everything received."""
         self._streams, self._pending = (), None
-        self._latest.clear()
+        self.latest.clear()
 
     @property
     def awaited(self) -> frozenset[str]:
         """Inputs whose latest message a complete group is waiting for."""
-        return self._required_latest - self._latest.keys() if self._pending is not None else frozenset()
+        return self._required_latest - self.latest.keys() if self._pending is not None else frozenset()
 
     def push(self, name: str, stamp_ns: int, message: Any, size: int = 0) -> None:
         """Take a message of a paired input.
@@ -92,7 +94,7 @@ class Assembler:
 
     def set_latest(self, name: str, message: Any) -> None:
         """Take a message of an input that is not paired."""
-        self._latest[name] = message
+        self.latest[name] = message
         self._release()
 
     def _complete(self, group: Group) -> None:
@@ -104,4 +106,4 @@ class Assembler:
     def _release(self) -> None:
         if self._pending is not None and not self.awaited:
             group, self._pending = self._pending, None
-            self._deliver({**self._latest, **group})
+            self._deliver({**self.latest, **group})

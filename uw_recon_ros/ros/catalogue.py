@@ -7,7 +7,7 @@ from uw_recon_ros.params import Params
 from uw_recon_ros.preprocess.stage import PreprocessParams
 from uw_recon_ros.reconstruct.stage import ReconstructParams
 from uw_recon_ros.rectify.stage import RectifyParams
-from uw_recon_ros.ros.node_params import CameraParams, CloudParams, NodeParams
+from uw_recon_ros.ros.node_params import CameraParams, CloudParams, DisparityMessageParams, NodeParams
 
 ALL_PARAMS: tuple[type[Params], ...] = (
     PreprocessParams,
@@ -16,5 +16,6 @@ ALL_PARAMS: tuple[type[Params], ...] = (
     ReconstructParams,
     NodeParams,
     CameraParams,
+    DisparityMessageParams,
     CloudParams,
 )

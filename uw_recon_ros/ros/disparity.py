@@ -1,8 +1,9 @@
 """`DisparityMap` <-> ``stereo_msgs/DisparityImage`` and its companions ``disparity/status`` and ``disparity/sigma``.
 
-The message's own definition is kept: its disparities are "pre-adjusted for any x-offset between the principal points",
-``d_message = d - (cx_left - cx_right)``, so that ``Z = f T / d_message`` for whoever reads it. Inside, ``d = u_left -
-u_right``; `StereoGeometry.offset_px` is the difference.
+On the wire as inside, ``d = u_left - u_right``, and ``Z = f B / (d + cx_right - cx_left)`` with the principal points of
+the rectified CameraInfo. Where these are equal, as in calibrated rigs most often, this is the message's own ``Z = f T /
+d``. Where they are not, the message's definition wants the difference added beforehand ("pre-adjusted", as
+``stereo_image_proc`` does it): `adjusted` reads and writes that.
 """
 
 from __future__ import annotations
@@ -29,10 +30,10 @@ from uw_recon_ros.types import ByteImage, DisparityMap, FloatImage, Status, Ster
 _INTEGER_STEP, _SUBPIXEL_STEP = 1.0, 1.0 / 16.0
 
 
-def disparity_message(disparity: DisparityMap) -> DisparityImage:
+def disparity_message(disparity: DisparityMap, *, adjusted: bool = False) -> DisparityImage:
     """Make the message of a disparity map; invalid pixels stay NaN."""
     geometry, values = disparity.geometry, disparity.disparity
-    offset = np.float32(geometry.offset_px)
+    offset = np.float32(geometry.offset_px if adjusted else 0.0)
     head = _head(disparity)
     message = DisparityImage(header=head, image=float_message(values + offset if offset else values, head))
     message.f = float(geometry.focal_px)
@@ -67,6 +68,7 @@ def disparity_from_message(
     sigma: Image | None = None,
     status: Image | None = None,
     assumed_sigma_px: float = 0.5,
+    adjusted: bool = False,
 ) -> DisparityMap:
     """Read a disparity image, ours or any other node's.
 
@@ -80,16 +82,19 @@ def disparity_from_message(
         ``disparity/sigma`` and ``disparity/status`` of the same moment.
     assumed_sigma_px : float
         Standard deviation where there is no `sigma`, px.
+    adjusted : bool
+        Whether the offset of the principal points is in the message's disparities already.
 
     Raises
     ------
     ImageError
         Naming what is wrong with which of the three.
     """
-    adjusted = float_image_from_message(message.image)
-    low, high, offset = message.min_disparity, message.max_disparity, np.float32(geometry.offset_px)
-    valid = np.isfinite(adjusted) & ((adjusted >= np.float32(low)) | (low >= high))
-    values = np.where(valid, adjusted - offset if offset else adjusted, np.float32(np.nan)).astype(np.float32)
+    received = float_image_from_message(message.image)
+    low, high = message.min_disparity, message.max_disparity
+    offset = np.float32(geometry.offset_px if adjusted else 0.0)
+    valid = np.isfinite(received) & ((received >= np.float32(low)) | (low >= high))
+    values = np.where(valid, received - offset if offset else received, np.float32(np.nan)).astype(np.float32)
     return DisparityMap(
         disparity=values,
         sigma=_sigma(sigma, valid, assumed_sigma_px),

@@ -77,13 +77,13 @@ class StageNode(Node, Generic[S]):  # type: ignore[misc]
         super().__init__(name, **options)
         self._warn = Throttle(self.get_logger().warning)
         self.diagnostics = Diagnostics(on_problem=self._warn)
-        self._parameters = NodeParameters(self, (NodeParams, *classes), _all_classes)
+        self._declared = NodeParameters(self, (NodeParams, *classes), _all_classes)
         self.inputs = Inputs(self, inputs, self.diagnostics, self._warn, self._post)
         self.stage: S | None = None
-        self.stage = self.build(self._parameters.current)
+        self.stage = self.build(self._declared.current)
         self._worker: Worker[Group] = Worker(name, self._work)
-        self._configure_inputs(self._parameters.current)
-        self._parameters.watch(self._prepare)
+        self._configure_inputs(self._declared.current)
+        self._declared.watch(self._prepare)
         self.outputs = Outputs(self, outputs, self.diagnostics, self._follow_listeners)
         self._diagnostics_publisher = self.create_publisher(DiagnosticArray, "/diagnostics", profile())
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -116,7 +116,7 @@ class StageNode(Node, Generic[S]):  # type: ignore[misc]
         self.inputs.refresh()
 
     def _prepare(self, proposed: ParameterSet) -> Callable[[], None]:
-        rebuild = self._parameters.current.changed(proposed) - {NodeParams}
+        rebuild = self._declared.current.changed(proposed) - {NodeParams}
         stage = self.build(proposed) if rebuild else self.stage
 
         def commit() -> None:

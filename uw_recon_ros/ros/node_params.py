@@ -39,6 +39,16 @@ class CameraParams(Params):
 
 
 @dataclass(frozen=True)
+class DisparityMessageParams(Params):
+    """What nodes that send or receive disparities know besides."""
+
+    disparity_adjusted: bool = param(
+        False,
+        "Whether disparities on the wire include cx_right - cx_left, as stereo_image_proc's do; else u_left - u_right.",
+    )
+
+
+@dataclass(frozen=True)
 class CloudParams(Params):
     """What the point cloud node knows besides."""
 

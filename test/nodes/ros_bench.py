@@ -1,0 +1,155 @@
+"""What tests of nodes share: a domain of their own, a context a test, an outsider that talks to the node under test."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import time
+import zlib
+from collections.abc import Callable
+from typing import Any
+
+# Before any ROS import: the environment is read once.
+_RUN = os.environ.get("PYTEST_XDIST_TESTRUNUID", str(os.getpid()))
+_WORKER = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+os.environ["ROS_DOMAIN_ID"] = str(1 + (zlib.crc32(_RUN.encode()) + _WORKER) % 101)
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+os.environ.setdefault("ROS_LOG_DIR", tempfile.mkdtemp(prefix="uw_recon_test_log_"))
+os.environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")
+
+import numpy as np  # noqa: E402
+import rclpy  # noqa: E402
+from rclpy.context import Context  # noqa: E402
+from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from rclpy.node import Node  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
+from rclpy.qos import QoSProfile, ReliabilityPolicy  # noqa: E402
+from rclpy.signals import SignalHandlerOptions  # noqa: E402
+from sensor_msgs.msg import CameraInfo, Image  # noqa: E402
+
+from uw_recon_ros.ros import messages, transport  # noqa: E402
+
+LIMIT_S = 30.0
+FRAME = "rov_left_optical_frame"
+
+transport.prepare()
+
+
+class Bench:
+    """One context, one executor: the node under test and an outsider, spun by the test."""
+
+    def __init__(self) -> None:
+        self.context = Context()
+        rclpy.init(context=self.context, signal_handler_options=SignalHandlerOptions.NO)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.outsider = Node("outsider", context=self.context)
+        self.executor.add_node(self.outsider)
+        self._started: list[Any] = []
+
+    def start(self, make: Callable[..., Any], *, remap: dict[str, str] | None = None, **parameters: Any) -> Any:
+        """Start a node of ours with parameters."""
+        arguments = [a for old, new in (remap or {}).items() for a in ("-r", f"{old}:={new}")]
+        node = make(
+            context=self.context,
+            parameter_overrides=[Parameter(name, value=value) for name, value in parameters.items()],
+            cli_args=["--ros-args", *arguments] if arguments else None,
+        )
+        self.executor.add_node(node)
+        self._started.append(node)
+        return node
+
+    def listen(self, message_type: Any, topic: str, depth: int = 50) -> list[Any]:
+        """Collect the messages of a topic."""
+        heard: list[Any] = []
+        self.outsider.create_subscription(message_type, topic, heard.append, depth)
+        return heard
+
+    def talk(self, message_type: Any, topic: str, *, reliable: bool = True) -> Any:
+        """Make a publisher."""
+        policy = ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT
+        return self.outsider.create_publisher(message_type, topic, QoSProfile(depth=50, reliability=policy))
+
+    def spin_until(self, condition: Callable[[], Any], what: str = "") -> None:
+        """Spin until `condition` holds; fail after a while."""
+        end = time.monotonic() + LIMIT_S
+        while not condition():
+            assert time.monotonic() < end, f"waited {LIMIT_S} s for {what or condition}"
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def spin_for(self, seconds: float) -> None:
+        """Spin for a while, to see that nothing happens."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def connected(self, *publishers: Any) -> None:
+        """Spin until every publisher has a subscriber."""
+        self.spin_until(lambda: all(p.get_subscription_count() for p in publishers), "subscribers")
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        for node in self._started:
+            if hasattr(node, "stop"):
+                assert node.stop(30.0)
+            node.destroy_node()
+        self.outsider.destroy_node()
+        rclpy.try_shutdown(context=self.context)
+
+
+def color(image: np.ndarray, stamp_ns: int, frame_id: str = FRAME) -> Image:
+    return messages.color_message(image, messages.header(stamp_ns, frame_id))
+
+
+def mono(image: np.ndarray, stamp_ns: int, frame_id: str = FRAME) -> Image:
+    return messages.mono_message(image, messages.header(stamp_ns, frame_id))
+
+
+def stamped(info: CameraInfo, stamp_ns: int, frame_id: str = FRAME) -> CameraInfo:
+    info.header = messages.header(stamp_ns, frame_id)
+    return info
+
+
+def texture(height: int, width: int, seed: int = 0) -> np.ndarray:
+    """RGB with structure at every scale, so that anything can be matched."""
+    import cv2
+
+    random = np.random.default_rng(seed)
+    image = np.zeros((height, width, 3), np.float32)
+    for blur in (1.0, 3.0, 9.0):
+        noise = cv2.GaussianBlur(random.normal(size=image.shape).astype(np.float32), (0, 0), blur)
+        image += noise / noise.std()
+    return np.clip(128 + 35 * image, 0, 255).astype(np.uint8)
+
+
+def array(message: Image) -> np.ndarray:
+    return messages.image_from_message(message)
+
+
+BANDS = ((0, 40, 5), (40, 80, 11), (80, 120, 17))  # rows from, to, and the disparity of what they show
+WIDTH, HEIGHT, FOCAL, BASELINE = 160, 120, 150.0, 0.1
+
+
+def banded_pair(seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
+    """A rectified pair of three planes: RGB, HEIGHT x WIDTH, disparities of `BANDS`."""
+    wide = texture(HEIGHT, WIDTH + 40, seed)
+    left, right = wide[:, :WIDTH].copy(), np.empty((HEIGHT, WIDTH, 3), np.uint8)
+    for top, bottom, disparity in BANDS:
+        right[top:bottom] = wide[top:bottom, disparity : disparity + WIDTH]
+    return left, right
+
+
+def infos(stamp_ns: int, *, metric: bool = True, baseline_m: float = BASELINE) -> tuple[CameraInfo, CameraInfo]:
+    """Two ideal cameras side by side that fit `banded_pair`."""
+    from uw_recon_ros.ros.geometry import infos_from_geometry
+    from uw_recon_ros.types import StereoGeometry
+
+    cx, cy = (WIDTH - 1) / 2, (HEIGHT - 1) / 2
+    geometry = StereoGeometry(FOCAL, cx, cx, cy, baseline_m=baseline_m if metric else None)
+    return infos_from_geometry(geometry, (WIDTH, HEIGHT), messages.header(stamp_ns, FRAME))
+
+
+def calibration(stamp_ns: int = 0) -> Any:
+    """The same as `infos`, for offline stages."""
+    from uw_recon_ros.ros.pairs import calibration_from_infos
+
+    return calibration_from_infos(*infos(stamp_ns))

@@ -1,0 +1,302 @@
+"""The preprocessing node, and through it what every stage node has from its base class."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.parameter import Parameter
+from ros_bench import FRAME, Bench, array, color, mono, texture
+from sensor_msgs.msg import CompressedImage, Image
+
+from uw_recon_ros.nodes.preprocess_node import PreprocessNode
+from uw_recon_ros.preprocess.stage import Preprocess, PreprocessParams
+from uw_recon_ros.ros import messages
+from uw_recon_ros.ros.diagnostics import SUPERSEDED
+from uw_recon_ros.types import StereoPair
+
+SECOND = 1_000_000_000
+LEFT, RIGHT = texture(48, 64, 1), texture(48, 64, 2)
+
+
+class Cameras:
+    """Two cameras publishing to the node under test."""
+
+    def __init__(self, bench: Bench, *, reliable: bool = True) -> None:
+        self.left = bench.talk(Image, "left/image_raw", reliable=reliable)
+        self.right = bench.talk(Image, "right/image_raw", reliable=reliable)
+
+    def send(self, stamp_ns: int, left: np.ndarray = LEFT, right: np.ndarray = RIGHT, *, apart_ns: int = 0) -> None:
+        self.left.publish(color(left, stamp_ns))
+        self.right.publish(color(right, stamp_ns + apart_ns, "rov_right_optical_frame"))
+
+
+def report(heard: list[DiagnosticArray]) -> dict[str, str]:
+    return {pair.key: pair.value for pair in heard[-1].status[0].values}
+
+
+def test_the_node_publishes_what_the_stage_makes(bench: Bench) -> None:
+    node = bench.start(PreprocessNode)
+    topics = [f"{eye}/image_{kind}" for eye in ("left", "right") for kind in ("enhanced", "matching")]
+    heard = {topic: bench.listen(Image, topic) for topic in topics}
+    cameras = Cameras(bench)
+    bench.connected(cameras.left, cameras.right)
+    cameras.send(5 * SECOND + 7)
+    bench.spin_until(lambda: all(heard.values()))
+    expected = Preprocess(PreprocessParams())(StereoPair(LEFT, RIGHT))
+    for topic, image in zip(
+        topics, (expected.left, expected.left_matching, expected.right, expected.right_matching), strict=True
+    ):
+        (message,) = heard[topic]
+        np.testing.assert_array_equal(array(message), image)
+        assert messages.stamp_ns(message) == 5 * SECOND + 7
+        assert message.header.frame_id == FRAME
+    assert heard["left/image_enhanced"][0].encoding == "bgr8"
+    assert heard["left/image_matching"][0].encoding == "mono8"
+    assert node.diagnostics.drops == {}
+
+
+def test_it_subscribes_only_while_somebody_listens(bench: Bench) -> None:
+    node = bench.start(PreprocessNode)
+    cameras = Cameras(bench)
+    bench.spin_for(0.7)
+    assert cameras.left.get_subscription_count() == 0
+    listener = bench.outsider.create_subscription(Image, "left/image_enhanced", lambda m: None, 5)
+    bench.connected(cameras.left, cameras.right)
+    bench.outsider.destroy_subscription(listener)
+    bench.spin_until(lambda: cameras.left.get_subscription_count() == 0)
+    assert not node.inputs.active
+
+
+def test_it_sends_only_what_is_listened_to(bench: Bench) -> None:
+    node = bench.start(PreprocessNode)
+    heard = bench.listen(Image, "right/image_matching")
+    cameras = Cameras(bench)
+    bench.connected(cameras.left, cameras.right)
+    cameras.send(SECOND)
+    bench.spin_until(lambda: heard)
+    sent = [pair.key for pair in node.diagnostics.tick("x").values if pair.key.startswith("out ")]
+    assert sent == ["out right/image_matching [Hz]"]
+
+
+def compressed(image: np.ndarray, stamp_ns: int) -> CompressedImage:
+    message = CompressedImage(header=messages.header(stamp_ns, FRAME), format="png")
+    message.data.frombytes(cv2.imencode(".png", image[..., ::-1])[1].tobytes())
+    return message
+
+
+def test_compressed_images_are_taken_where_nothing_else_is_published(bench: Bench) -> None:
+    bench.start(PreprocessNode)
+    heard = bench.listen(Image, "left/image_enhanced")
+    left = bench.talk(CompressedImage, "left/image_raw/compressed")
+    right = bench.talk(Image, "right/image_raw")
+    bench.connected(left, right)
+    left.publish(compressed(LEFT, SECOND))
+    right.publish(color(RIGHT, SECOND))
+    bench.spin_until(lambda: heard)
+    np.testing.assert_array_equal(array(heard[0]), Preprocess(PreprocessParams())(StereoPair(LEFT, RIGHT)).left)
+
+
+def test_raw_images_are_preferred_and_a_parameter_says_otherwise(bench: Bench) -> None:
+    node = bench.start(PreprocessNode)
+    bench.listen(Image, "left/image_enhanced")
+    cameras = Cameras(bench)
+    others = [bench.talk(CompressedImage, f"{eye}/image_raw/compressed") for eye in ("left", "right")]
+    bench.connected(cameras.left, cameras.right)
+    bench.spin_for(0.6)
+    assert [p.get_subscription_count() for p in others] == [0, 0]
+    assert node.set_parameters([Parameter("image_transport", value="compressed")])[0].successful
+    bench.connected(*others)
+    bench.spin_until(lambda: cameras.left.get_subscription_count() == 0)
+
+
+def test_best_effort_cameras_are_heard_after_a_warning(bench: Bench, capfd: pytest.CaptureFixture[str]) -> None:
+    bench.start(PreprocessNode)
+    heard = bench.listen(Image, "left/image_enhanced")
+    cameras = Cameras(bench, reliable=False)
+    bench.connected(cameras.left, cameras.right)
+    cameras.send(SECOND)
+    bench.spin_until(lambda: heard)
+    assert "/left/image_raw: a publisher offers best effort only" in capfd.readouterr().err
+
+
+def test_a_reliability_demanded_by_parameter_is_kept(bench: Bench, capfd: pytest.CaptureFixture[str]) -> None:
+    overrides = {f"qos_overrides./{eye}/image_raw.subscription.reliability": "reliable" for eye in ("left", "right")}
+    bench.start(PreprocessNode, **overrides)
+    bench.listen(Image, "left/image_enhanced")
+    cameras = Cameras(bench, reliable=False)
+    bench.spin_for(0.7)
+    assert cameras.left.get_subscription_count() == 0
+    assert "qos_overrides demands reliable" in capfd.readouterr().err
+
+
+def test_quality_of_service_by_parameter(bench: Bench) -> None:
+    bench.start(
+        PreprocessNode, **{
+            "qos_overrides./left/image_enhanced.publisher.reliability": "best_effort",
+            "qos_overrides./left/image_raw.subscription.depth": 3,
+        },
+    )  # fmt: skip
+    bench.listen(Image, "right/image_enhanced")
+    bench.spin_until(lambda: bench.outsider.get_subscriptions_info_by_topic("/left/image_raw"))
+    published = bench.outsider.get_publishers_info_by_topic("/left/image_enhanced")[0].qos_profile
+    assert published.reliability.name == "BEST_EFFORT"
+
+
+def test_remaps_and_namespaces_move_every_topic(bench: Bench) -> None:
+    bench.start(PreprocessNode, remap={"__ns": "/rov", "left/image_raw": "/port/image"})
+    heard = bench.listen(Image, "/rov/left/image_enhanced")
+    left, right = bench.talk(Image, "/port/image"), bench.talk(Image, "/rov/right/image_raw")
+    bench.connected(left, right)
+    left.publish(color(LEFT, SECOND))
+    right.publish(color(RIGHT, SECOND))
+    bench.spin_until(lambda: heard)
+
+
+def test_stamps_within_the_tolerance_pair_up(bench: Bench) -> None:
+    node = bench.start(PreprocessNode, pair_tolerance_ms=5)
+    heard = bench.listen(Image, "right/image_enhanced")
+    cameras = Cameras(bench)
+    bench.connected(cameras.left, cameras.right)
+    cameras.send(SECOND, apart_ns=4_000_000)
+    bench.spin_until(lambda: heard)
+    assert messages.stamp_ns(heard[0]) == SECOND
+    assert heard[0].header.frame_id == FRAME
+    cameras.send(2 * SECOND, apart_ns=6_000_000)
+    bench.spin_until(lambda: node.diagnostics.drops)
+    assert len(heard) == 1
+
+
+def test_stamps_too_far_apart_are_explained(bench: Bench, capfd: pytest.CaptureFixture[str]) -> None:
+    node = bench.start(PreprocessNode, stall_warning_s=0.3)
+    bench.listen(Image, "right/image_enhanced")
+    cameras = Cameras(bench)
+    bench.connected(cameras.left, cameras.right)
+    for frame in range(8):
+        cameras.send(frame * SECOND, apart_ns=20_000_000)
+        bench.spin_for(0.1)
+    text = "no stamps pair up: right/image_raw is 20 ms after left/image_raw, pair_tolerance_ms is 1"
+    assert text in capfd.readouterr().err
+    assert node.diagnostics.tick("x").message == text or "no partner" in str(node.diagnostics.drops)
+    cameras.send(100 * SECOND)
+    bench.spin_until(lambda: node.diagnostics.tick("x").level == DiagnosticStatus.OK)
+
+
+def test_silence_is_explained(bench: Bench, capfd: pytest.CaptureFixture[str]) -> None:
+    bench.start(PreprocessNode, stall_warning_s=0.2)
+    bench.listen(Image, "right/image_enhanced")
+    silent = bench.talk(Image, "right/image_raw")
+    bench.connected(silent)
+    bench.spin_for(0.8)
+    lines = capfd.readouterr().err.splitlines()
+    assert sum("/left/image_raw or /left/image_raw/compressed: no publisher" in line for line in lines) == 1
+    assert sum("waiting for /right/image_raw: a publisher, but no messages" in line for line in lines) == 1
+
+
+def broken(**fields: Any) -> Image:
+    message = color(LEFT, 0)
+    for name, value in fields.items():
+        setattr(message, name, value)
+    return message
+
+
+def with_data(data: bytes) -> Image:
+    message = Image(height=48, width=64, encoding="bgr8", step=192)
+    message.data.frombytes(data)
+    return message
+
+
+BAD_IMAGES = {
+    "empty": (Image(), "encoding"),
+    "no data": (with_data(b""), "expected step x height = 192 x 48 = 9216 bytes, got 0"),
+    "truncated": (with_data(bytes(5000)), "9216 bytes, got 5000"),
+    "too much": (with_data(bytes(9217)), "9216 bytes, got 9217"),
+    "step too small": (broken(step=10), "step: expected at least 192 bytes"),
+    "zero step": (broken(step=0), "step"),
+    "encoding": (broken(encoding="yuv_of_the_future"), "yuv_of_the_future"),
+    "huge": (broken(height=2**31, width=2**31), "image size"),
+    "other size": (color(texture(24, 64), 0), "expected two images of one size and type, got 64x24 colour uint8"),
+    "other type": (mono(LEFT[..., 0], 0), "got 64x48 mono uint8 and 64x48 colour uint8"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_IMAGES)
+def test_a_bad_image_costs_its_frame_and_a_line(bench: Bench, name: str, capfd: pytest.CaptureFixture[str]) -> None:
+    bad, words = BAD_IMAGES[name]
+    node = bench.start(PreprocessNode)
+    heard = bench.listen(Image, "left/image_enhanced")
+    told = bench.listen(DiagnosticArray, "/diagnostics")
+    cameras = Cameras(bench)
+    bench.connected(cameras.left, cameras.right)
+    cameras.send(SECOND)
+    bench.spin_until(lambda: len(heard) == 1)
+    bad.header = messages.header(2 * SECOND, FRAME)
+    cameras.left.publish(bad)
+    cameras.right.publish(color(RIGHT, 2 * SECOND))
+    bench.spin_until(lambda: node.diagnostics.drops)
+    cameras.send(3 * SECOND)
+    bench.spin_until(lambda: len(heard) == 2)
+    np.testing.assert_array_equal(array(heard[0]), array(heard[1]))
+    lines = [line for line in capfd.readouterr().err.splitlines() if "frame dropped" in line]
+    assert len(lines) == 1
+    assert words in lines[0]
+    bench.spin_until(lambda: told and words in report(told).get("last drop", ""))
+    assert report(told)["dropped: ImageError"] == "1"
+    assert node.diagnostics.drops == {"ImageError": 1}
+
+
+def test_the_newest_pair_wins_and_the_overtaken_are_counted(bench: Bench) -> None:
+    node = bench.start(PreprocessNode)
+    heard = bench.listen(Image, "left/image_enhanced")
+    cameras = Cameras(bench)
+    bench.connected(cameras.left, cameras.right)
+    large = texture(480, 640)
+    for frame in range(6):
+        cameras.send(frame * SECOND, large, large)
+        bench.spin_for(0.02)
+    bench.spin_until(lambda: heard and messages.stamp_ns(heard[-1]) == 5 * SECOND)
+    assert node.diagnostics.drops.get(SUPERSEDED, 0) + len(heard) == 6
+    stamps = [messages.stamp_ns(message) for message in heard]
+    assert stamps == sorted(stamps)
+
+
+def test_a_parameter_changes_the_stage_and_a_refused_one_does_not(bench: Bench) -> None:
+    node = bench.start(PreprocessNode)
+    heard = bench.listen(Image, "left/image_enhanced")
+    cameras = Cameras(bench)
+    bench.connected(cameras.left, cameras.right)
+    params = PreprocessParams(homomorphic_filtering=False)
+    assert node.set_parameters([Parameter("homomorphic_filtering", value=False)])[0].successful
+    assert not node.set_parameters([Parameter("diffusion_rate", value=9.0)])[0].successful
+    cameras.send(SECOND)
+    bench.spin_until(lambda: heard)
+    np.testing.assert_array_equal(array(heard[0]), Preprocess(params)(StereoPair(LEFT, RIGHT)).left)
+
+
+def test_diagnostics_tell_rates_and_times(bench: Bench) -> None:
+    bench.start(PreprocessNode)
+    heard = bench.listen(Image, "left/image_enhanced")
+    told = bench.listen(DiagnosticArray, "/diagnostics")
+    cameras = Cameras(bench)
+    bench.connected(cameras.left, cameras.right)
+    cameras.send(SECOND)
+    bench.spin_until(lambda: heard)
+    bench.spin_until(lambda: told and "work [s]" in report(told))
+    status, values = told[-1].status[0], report(told)
+    assert (status.name, status.level) == ("/preprocess_node", DiagnosticStatus.OK)
+    assert {"in left/image_raw [Hz]", "in right/image_raw [Hz]", "out left/image_enhanced [Hz]"} <= set(values)
+    assert {"latency [s]", "dropped"} <= set(values)
+    assert float(values["in left/image_raw [Hz]"]) > 0
+
+
+def test_stamps_that_jump_back_do_not_stop_the_node(bench: Bench) -> None:
+    bench.start(PreprocessNode)
+    heard = bench.listen(Image, "left/image_enhanced")
+    cameras = Cameras(bench)
+    bench.connected(cameras.left, cameras.right)
+    for number, stamp in enumerate((100, 101, 1, 2), start=1):
+        cameras.send(stamp * SECOND)
+        bench.spin_until(lambda number=number: len(heard) == number)

@@ -1,0 +1,1 @@
+"""The executables' nodes: topics, and one line of stage."""

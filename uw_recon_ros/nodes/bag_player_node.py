@@ -1,0 +1,216 @@
+"""`bag_player_node`: replays a rosbag2 folder (MCAP or sqlite3) or a bare .mcap file to its topics and /clock.
+
+Messages go out as the bytes that were recorded. Topics are published relative to the node's name space, with the
+quality of service they were recorded with. Services (std_srvs/Trigger): ~/pause, ~/resume, ~/step; a step sends
+messages up to the first topic that would come a second time: one frame of a camera rig.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rosgraph_msgs.msg import Clock as ClockMessage
+from std_srvs.srv import Trigger
+
+from uw_recon_ros.bags.model import RawMessage
+from uw_recon_ros.bags.reader import BagReader, open_bag
+from uw_recon_ros.errors import BagError
+from uw_recon_ros.nodes.replay import Report, parse, recorded_profile
+from uw_recon_ros.nodes.timeline import Timeline
+from uw_recon_ros.ros.main import DONE, FAILED, USAGE, leave, start
+from uw_recon_ros.ros.message_types import message_class
+from uw_recon_ros.ros.messages import time_message
+from uw_recon_ros.ros.parameters import ParameterError
+from uw_recon_ros.ros.qos import profile
+
+_POLL_S = 0.05
+_SETTLE_S = 1.0
+_ACKNOWLEDGE_S = 2.0
+
+
+class BagPlayerNode(Node):  # type: ignore[misc]
+    """Plays one bag.
+
+    Parameters
+    ----------
+    bag : BagReader
+    settings : Namespace
+        Of `parse`.
+    options
+        Passed to ``rclpy.node.Node``.
+
+    Raises
+    ------
+    BagError
+        Nothing in the bag can be played.
+    """
+
+    def __init__(self, bag: BagReader, settings: argparse.Namespace, **options: Any) -> None:
+        super().__init__("bag_player_node", **options)
+        self._bag, self._settings = bag, settings
+        self._begin_ns = bag.start_ns + round(settings.start_offset * 1e9)
+        if bag.topics and self._begin_ns > bag.end_ns:
+            length = (bag.end_ns - bag.start_ns) * 1e-9
+            raise BagError(f"--start-offset: expected at most the bag's {length:.3f} s, got {settings.start_offset:g}")
+        self._players = self._advertise()
+        self._timeline = Timeline(self._begin_ns, settings.rate)
+        self._report = Report()
+        self._started_s = time.monotonic()
+        self._kept = [
+            self.create_service(Trigger, f"~/{name}", answer)
+            for name, answer in (("pause", self._on_pause), ("resume", self._on_resume), ("step", self._on_step))
+        ]
+        if settings.clock_rate:
+            self._clock_publisher = self.create_publisher(ClockMessage, "/clock", profile(depth=1))
+            steady = Clock(clock_type=ClockType.STEADY_TIME)
+            self._kept.append(self.create_timer(1 / settings.clock_rate, self._publish_clock, clock=steady))
+        self._executor = SingleThreadedExecutor(context=self.context)
+        self._executor.add_node(self)
+
+    def play(self) -> None:
+        """Play to the end, or for ever where looping."""
+        self._wait_for_subscribers()
+        self._started_s = time.monotonic()
+        if not self._settings.start_paused:
+            self._timeline.resume(self._started_s)
+        while True:
+            for message in self._from_start():
+                self._wait_until_due(message)
+                self._send(message)
+            if not self._settings.loop:
+                return self._let_arrive()
+            self._timeline.jump(self._begin_ns, time.monotonic())
+
+    def summary(self) -> str:
+        """What was sent, in one line."""
+        return self._report.line(time.monotonic() - self._started_s, self._settings.rate)
+
+    def close(self) -> None:
+        """Stop the executor and destroy the node."""
+        self._executor.shutdown()
+        self.destroy_node()
+
+    def _advertise(self) -> dict[str, Publisher]:
+        chosen = self._settings.topics
+        players: dict[str, Publisher] = {}
+        for topic in self._bag.topics:
+            if (chosen and topic.name not in chosen) or topic.name == "/clock" or not topic.count:
+                continue
+            kind = message_class(topic.type)
+            if kind is None:
+                self.get_logger().warning(f"{topic.name}: skipped, no message package for {topic.type} is installed")
+                continue
+            players[topic.name] = self.create_publisher(
+                kind, topic.name.lstrip("/"), recorded_profile(topic),
+                qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            )  # fmt: skip
+        if not players:
+            names = ", ".join(topic.name for topic in self._bag.topics) or "none"
+            raise BagError(f"{self._bag.path}: expected topics that can be played, the bag has {names}")
+        return players
+
+    def _from_start(self) -> Iterator[RawMessage]:
+        wanted = self._bag.raw_messages(self._players)
+        return (message for message in wanted if message.stamp_ns >= self._begin_ns)
+
+    def _wait_for_subscribers(self) -> None:
+        names = self._settings.wait_for_subscribers
+        if names is None:
+            return
+        waiting = [self._players[name] for name in names if name in self._players] or list(self._players.values())
+        self.get_logger().info("waiting for subscribers")
+        counts: list[int] = []
+        since = time.monotonic()
+        while not (all(counts) if names else any(counts)) or time.monotonic() - since < _SETTLE_S:
+            before, counts = counts, [publisher.get_subscription_count() for publisher in waiting]
+            if counts != before:
+                since = time.monotonic()
+            self._spin(_POLL_S)
+
+    def _wait_until_due(self, message: RawMessage) -> None:
+        self._spin(0.0)
+        while True:
+            if self._timeline.paused:
+                if self._timeline.take_step(message.topic, message.stamp_ns):
+                    return
+                self._spin(_POLL_S)
+                continue
+            wait = self._timeline.due_s(message.stamp_ns) - time.monotonic()
+            if wait <= 0:
+                self._report.late(-wait)
+                return
+            self._spin(min(wait, _POLL_S))
+
+    def _send(self, message: RawMessage) -> None:
+        self._players[message.topic].publish(message.data)
+        self._report.sent(message.topic)
+
+    def _let_arrive(self) -> None:
+        """Give reliable subscribers the time to get what was sent last."""
+        deadline = time.monotonic() + _ACKNOWLEDGE_S
+        for publisher in self._players.values():
+            left_s = max(deadline - time.monotonic(), 0.0)
+            publisher.wait_for_all_acked(Duration(nanoseconds=round(left_s * 1e9)))
+
+    def _spin(self, timeout_s: float) -> None:
+        self._executor.spin_once(timeout_sec=timeout_s)
+        if not self.context.ok():
+            raise ExternalShutdownException
+
+    def _publish_clock(self) -> None:
+        now_ns = self._timeline.now_ns(time.monotonic())
+        self._clock_publisher.publish(ClockMessage(clock=time_message(now_ns)))
+
+    def _on_pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._timeline.pause(time.monotonic())
+        response.success, response.message = True, "paused"
+        return response
+
+    def _on_resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._timeline.resume(time.monotonic())
+        response.success, response.message = True, "playing"
+        return response
+
+    def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = self._timeline.paused
+        if response.success:
+            self._timeline.begin_step()
+        response.message = "stepping" if response.success else "expected a paused player: call ~/pause first"
+        return response
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Play a bag; return the exit code."""
+    player = None
+    try:
+        start(args)
+        settings = parse(args, __doc__)
+        with open_bag(settings.bag) as bag:
+            player = BagPlayerNode(bag, settings)
+            player.play()
+            for sentence in bag.damage:
+                player.get_logger().warning(f"{bag.path}: {sentence}")
+    except (BagError, ParameterError) as error:
+        print(f"error: {error}", file=sys.stderr)  # noqa: T201
+        return leave(USAGE if isinstance(error, ParameterError) else FAILED, clean=True)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        if player is not None:
+            print(player.summary(), flush=True)  # noqa: T201
+            player.close()
+    return leave(DONE, clean=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

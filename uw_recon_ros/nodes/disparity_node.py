@@ -1,0 +1,97 @@
+"""`disparity_node`: rectified images in, disparity out. Any rectification node that follows image_pipeline may feed it.
+
+| topic | type | |
+| --- | --- | --- |
+| `rectified/left/image_rect`, `rectified/right/image_rect` | Image mono8 | in |
+| `rectified/left/camera_info`, `rectified/right/camera_info` | CameraInfo | in, of the same stamp |
+| `disparity` | stereo_msgs/DisparityImage | out: NaN = invalid; see `uw_recon_ros.ros.disparity` |
+| `disparity/status` | Image mono8 | out: `Status` bits, why a pixel is invalid |
+| `disparity/sigma` | Image 32FC1 | out: standard deviation, px |
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from sensor_msgs.msg import CameraInfo, Image
+from stereo_msgs.msg import DisparityImage
+
+from uw_recon_ros.match.stage import Match, MatchParams
+from uw_recon_ros.ros.assembly import Group
+from uw_recon_ros.ros.diagnostics import Diagnostics
+from uw_recon_ros.ros.disparity import disparity_message, sigma_message, status_message
+from uw_recon_ros.ros.inputs import Input, Source
+from uw_recon_ros.ros.main import run
+from uw_recon_ros.ros.node import StageNode
+from uw_recon_ros.ros.node_params import DisparityMessageParams
+from uw_recon_ros.ros.outputs import Output, Outputs
+from uw_recon_ros.ros.pairs import rectified_pair
+from uw_recon_ros.ros.parameters import ParameterSet
+from uw_recon_ros.types import DisparityMap
+
+RECTIFIED_INFOS = tuple(
+    Input(f"{eye}_info", (Source(f"rectified/{eye}/camera_info", CameraInfo),)) for eye in ("left", "right")
+)
+INPUTS = (
+    *(Input(eye, (Source(f"rectified/{eye}/image_rect", Image),)) for eye in ("left", "right")),
+    *RECTIFIED_INFOS,
+)
+OUTPUTS = (
+    Output("disparity/status", Image),
+    Output("disparity/sigma", Image),
+    Output("disparity", DisparityImage),
+)
+
+
+def report_disparity(diagnostics: Diagnostics, disparity: DisparityMap) -> None:
+    """Say how dense the disparity is, and in which limits it was searched."""
+    diagnostics.say(
+        method=disparity.method,
+        density=f"{disparity.density:.3f}",
+        disparities=f"{disparity.min_disparity} to {disparity.max_disparity} px",
+        scale="metric" if disparity.geometry.metric else "unknown",
+    )
+
+
+def publish_disparity(outputs: Outputs, disparity: DisparityMap, params: DisparityMessageParams) -> None:
+    """Publish what the matching stage made."""
+    outputs.send("disparity/status", lambda: status_message(disparity))
+    outputs.send("disparity/sigma", lambda: sigma_message(disparity))
+    outputs.send("disparity", lambda: disparity_message(disparity, adjusted=params.disparity_adjusted))
+
+
+class DisparityStage(NamedTuple):
+    """The stage, and how its result is sent."""
+
+    match: Match
+    message: DisparityMessageParams
+
+
+class DisparityNode(StageNode[DisparityStage]):
+    """Matches rectified pairs."""
+
+    def __init__(self, **options: Any) -> None:
+        classes = (DisparityMessageParams, MatchParams)
+        super().__init__("disparity_node", classes=classes, inputs=INPUTS, outputs=OUTPUTS, **options)
+
+    def build(self, params: ParameterSet) -> DisparityStage:
+        """Make the stage."""
+        return DisparityStage(Match(params[MatchParams]), params[DisparityMessageParams])
+
+    def work(self, stage: DisparityStage, group: Group) -> int:
+        """Match one pair."""
+        disparity = stage.match(rectified_pair(group))
+        report_disparity(self.diagnostics, disparity)
+        publish_disparity(self.outputs, disparity, stage.message)
+        return disparity.stamp_ns
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node until it is interrupted; return the exit code."""
+    return run(DisparityNode, __doc__, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

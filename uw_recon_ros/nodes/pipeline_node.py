@@ -1,0 +1,101 @@
+"""`pipeline_node`: the four stages in one process, for small computers and quick starts.
+
+Reads what `preprocess_node` and `rectify_node` read of the cameras, publishes what all four nodes publish.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from uw_recon_ros.match.stage import Match, MatchParams
+from uw_recon_ros.nodes import disparity_node, point_cloud_node, preprocess_node, rectify_node
+from uw_recon_ros.preprocess.stage import Preprocess, PreprocessParams
+from uw_recon_ros.reconstruct.stage import Reconstruct, ReconstructParams
+from uw_recon_ros.rectify.stage import RectifyParams
+from uw_recon_ros.ros.assembly import Group
+from uw_recon_ros.ros.main import run
+from uw_recon_ros.ros.node import StageNode
+from uw_recon_ros.ros.node_params import CameraParams, DisparityMessageParams
+from uw_recon_ros.ros.pairs import calibration_from_infos, raw_pair
+from uw_recon_ros.ros.parameters import ParameterSet
+from uw_recon_ros.types import RectifiedPair
+
+INPUTS = (*preprocess_node.CAMERAS, *rectify_node.CAMERA_INFOS)
+_STEPS = [module.OUTPUTS for module in (preprocess_node, rectify_node, disparity_node, point_cloud_node)]
+OUTPUTS = tuple(output for step in _STEPS for output in step)
+
+
+def _topics_from(step: int) -> tuple[str, ...]:
+    """What the stages from `step` on publish."""
+    return tuple(output.topic for outputs in _STEPS[step:] for output in outputs)
+
+
+@dataclass(frozen=True)
+class Stages:
+    """All four, with the parameters they were made of."""
+
+    params: ParameterSet
+    preprocess: Preprocess
+    rectify: rectify_node.RigRectifier
+    match: Match
+    reconstruct: Reconstruct
+
+
+class PipelineNode(StageNode[Stages]):
+    """Runs the whole pipeline as far as somebody listens."""
+
+    def __init__(self, **options: Any) -> None:
+        own = (CameraParams, DisparityMessageParams)
+        classes = (*own, PreprocessParams, RectifyParams, MatchParams, ReconstructParams)
+        super().__init__("pipeline_node", classes=classes, inputs=INPUTS, outputs=OUTPUTS, **options)
+
+    def build(self, params: ParameterSet) -> Stages:
+        """Make the stages; a rig already known is forgotten only when rectification changes."""
+        before = self.stage
+        keep_rig = before is not None and before.params[RectifyParams] == params[RectifyParams]
+        return Stages(
+            params,
+            Preprocess(params[PreprocessParams]),
+            before.rectify if before and keep_rig else rectify_node.RigRectifier.make(params[RectifyParams]),
+            Match(params[MatchParams]),
+            Reconstruct(params[ReconstructParams]),
+        )
+
+    def configure(self, params: ParameterSet) -> None:
+        """Take the image transport that is asked for; listen to calibrations only where they are used."""
+        self.inputs.accepts = preprocess_node.camera_filter(params[CameraParams])
+        self.inputs.ignored = rectify_node.unwanted_infos(params[RectifyParams])
+
+    def work(self, stage: Stages, group: Group) -> int:
+        """Take one pair as far as somebody listens."""
+        rectify_node.report_calibration(self.diagnostics, group)
+        raw = raw_pair(group, calibration_from_infos(group.get("left_info"), group.get("right_info")))
+        enhanced = stage.preprocess(raw)
+        preprocess_node.publish_enhanced(self.outputs, enhanced)
+        if self.outputs.wanted(*_topics_from(1)):
+            rectified = stage.rectify(enhanced)
+            rectify_node.report_rectification(self.diagnostics, rectified)
+            rectify_node.publish_rectified(self.outputs, rectified)
+            if self.outputs.wanted(*_topics_from(2)):
+                self._reconstruct(stage, rectified)
+        return raw.stamp_ns
+
+    def _reconstruct(self, stage: Stages, rectified: RectifiedPair) -> None:
+        disparity = stage.match(rectified)
+        disparity_node.report_disparity(self.diagnostics, disparity)
+        disparity_node.publish_disparity(self.outputs, disparity, stage.params[DisparityMessageParams])
+        point_cloud_node.publish_reconstruction(
+            self.outputs, self.diagnostics, stage.reconstruct, disparity, rectified.left
+        )
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node until it is interrupted; return the exit code."""
+    return run(PipelineNode, __doc__, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

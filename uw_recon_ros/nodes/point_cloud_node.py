@@ -1,0 +1,129 @@
+"""`point_cloud_node`: disparity in; depth, clouds and surface out. Any matcher's DisparityImage will do.
+
+| topic | type | |
+| --- | --- | --- |
+| `disparity` | stereo_msgs/DisparityImage | in |
+| `disparity/sigma`, `disparity/status` | Image | in, where published |
+| `rectified/left/image_rect_color` or `rectified/left/image_rect` | Image | in: texture |
+| `rectified/left/camera_info`, `rectified/right/camera_info` | CameraInfo | in, of the same stamp |
+| `depth/image_rect`, `depth/sigma` | Image 32FC1 | out: m along the optical axis, NaN invalid |
+| `depth/camera_info` | CameraInfo | out |
+| `points2` | PointCloud2 | out: organised |
+| `points2_filtered` | PointCloud2 | out: range-limited, thinned |
+| `points_unscaled` | PointCloud2 | out instead of all of these, where no metric scale is known |
+| `surface` | visualization_msgs/Marker | out: triangles, transient local |
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from stereo_msgs.msg import DisparityImage
+from visualization_msgs.msg import Marker
+
+from uw_recon_ros.reconstruct.stage import Reconstruct, ReconstructParams
+from uw_recon_ros.ros.assembly import Group
+from uw_recon_ros.ros.clouds import cloud_message, depth_messages, surface_message
+from uw_recon_ros.ros.diagnostics import Diagnostics
+from uw_recon_ros.ros.disparity import disparity_from_message
+from uw_recon_ros.ros.geometry import check_size, geometry_from_infos
+from uw_recon_ros.ros.inputs import Input, Source
+from uw_recon_ros.ros.main import run
+from uw_recon_ros.ros.node import StageNode
+from uw_recon_ros.ros.node_params import CloudParams, DisparityMessageParams
+from uw_recon_ros.ros.outputs import Output, Outputs
+from uw_recon_ros.ros.pairs import color_image, expect_size
+from uw_recon_ros.ros.parameters import ParameterSet
+from uw_recon_ros.types import ByteImage, DisparityMap
+
+INPUTS = (
+    Input("status", (Source("disparity/status", Image),), "optional"),
+    Input("sigma", (Source("disparity/sigma", Image),), "optional"),
+    Input("left", (Source("rectified/left/image_rect_color", Image), Source("rectified/left/image_rect", Image))),
+    *(Input(f"{eye}_info", (Source(f"rectified/{eye}/camera_info", CameraInfo),)) for eye in ("left", "right")),
+    Input("disparity", (Source("disparity", DisparityImage),)),
+)
+METRIC = ("depth/image_rect", "depth/sigma", "depth/camera_info", "points2", "points2_filtered")
+UNSCALED = "points_unscaled"
+OUTPUTS = (
+    Output("depth/camera_info", CameraInfo),
+    Output("depth/sigma", Image),
+    Output("depth/image_rect", Image),
+    *(Output(topic, PointCloud2) for topic in ("points2", "points2_filtered", UNSCALED)),
+    Output("surface", Marker, latched=True),
+)
+_NO_SCALE = f"metric scale unknown: {UNSCALED} instead of depth and points2 (calibrate, or set baseline_m and focal_px)"
+
+
+class CloudStage(NamedTuple):
+    """The stage, and what is assumed of an outsider's disparities."""
+
+    reconstruct: Reconstruct
+    assumed_sigma_px: float
+    adjusted: bool
+
+
+def publish_reconstruction(
+    outputs: Outputs, diagnostics: Diagnostics, stage: Reconstruct, disparity: DisparityMap, left: ByteImage
+) -> None:
+    """Compute what is listened to, and publish it: metres only where they are true."""
+    metric = disparity.geometry.metric
+    diagnostics.say(scale="metric" if metric else "unknown")
+    diagnostics.problem("scale", None if metric else _NO_SCALE)
+    if not outputs.wanted("surface", *(METRIC if metric else (UNSCALED,))):
+        return
+    depth = stage.depth(disparity)
+    if metric:
+        image, sigma, info = depth_messages(depth)
+        outputs.send("depth/camera_info", lambda: info)
+        outputs.send("depth/sigma", lambda: sigma)
+        outputs.send("depth/image_rect", lambda: image)
+        if outputs.wanted("points2", "points2_filtered"):
+            cloud = stage.cloud(depth, left)
+            outputs.send("points2", lambda: cloud_message(cloud))
+            outputs.send("points2_filtered", lambda: cloud_message(stage.thin(cloud)))
+    else:
+        outputs.send(UNSCALED, lambda: cloud_message(stage.cloud(depth, left)))
+    outputs.send("surface", lambda: surface_message(stage.surface(depth, left)))
+
+
+class PointCloudNode(StageNode[CloudStage]):
+    """Turns disparities into depth, clouds and surfaces."""
+
+    def __init__(self, **options: Any) -> None:
+        classes = (DisparityMessageParams, CloudParams, ReconstructParams)
+        super().__init__("point_cloud_node", classes=classes, inputs=INPUTS, outputs=OUTPUTS, **options)
+
+    def build(self, params: ParameterSet) -> CloudStage:
+        """Make the stage."""
+        adjusted = params[DisparityMessageParams].disparity_adjusted
+        return CloudStage(Reconstruct(params[ReconstructParams]), params[CloudParams].assumed_sigma_px, adjusted)
+
+    def configure(self, params: ParameterSet) -> None:
+        """Give the images room to wait for a disparity that takes its time."""
+        self.inputs.assembler.memory_bytes = params[CloudParams].image_memory_mb * 1_000_000
+
+    def work(self, stage: CloudStage, group: Group) -> int:
+        """Reconstruct from one disparity."""
+        geometry = geometry_from_infos(group["left_info"], group["right_info"])
+        disparity = disparity_from_message(
+            group["disparity"], geometry, sigma=group.get("sigma"), status=group.get("status"),
+            assumed_sigma_px=stage.assumed_sigma_px, adjusted=stage.adjusted,
+        )  # fmt: skip
+        left = color_image(group["left"])
+        expect_size("rectified left image", left, disparity.disparity)
+        check_size(group["left_info"], left.shape)
+        publish_reconstruction(self.outputs, self.diagnostics, stage.reconstruct, disparity, left)
+        return disparity.stamp_ns
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node until it is interrupted; return the exit code."""
+    return run(PointCloudNode, __doc__, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

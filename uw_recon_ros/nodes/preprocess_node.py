@@ -1,0 +1,82 @@
+"""`preprocess_node`: raw images in, enhanced images out.
+
+| topic | type | |
+| --- | --- | --- |
+| `left/image_raw`, `right/image_raw` or `.../compressed` | Image / CompressedImage | in |
+| `left/image_enhanced`, `right/image_enhanced` | Image bgr8 | out: texture, tie points |
+| `left/image_matching`, `right/image_matching` | Image mono8 | out: what the matcher sees |
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+from sensor_msgs.msg import CompressedImage, Image
+
+from uw_recon_ros.preprocess.stage import Preprocess, PreprocessParams
+from uw_recon_ros.ros.assembly import Group
+from uw_recon_ros.ros.inputs import Input, Source
+from uw_recon_ros.ros.main import run
+from uw_recon_ros.ros.messages import color_message, header, mono_message
+from uw_recon_ros.ros.node import StageNode
+from uw_recon_ros.ros.node_params import CameraParams
+from uw_recon_ros.ros.outputs import Output, Outputs
+from uw_recon_ros.ros.pairs import raw_pair
+from uw_recon_ros.ros.parameters import ParameterSet
+from uw_recon_ros.types import EnhancedPair
+
+CAMERAS = tuple(
+    Input(eye, (Source(f"{eye}/image_raw", Image), Source(f"{eye}/image_raw/compressed", CompressedImage)))
+    for eye in ("left", "right")
+)
+OUTPUTS = tuple(Output(f"{eye}/image_{kind}", Image) for kind in ("matching", "enhanced") for eye in ("left", "right"))
+_TRANSPORTS = {"auto": (Image, CompressedImage), "raw": (Image,), "compressed": (CompressedImage,)}
+
+
+def camera_filter(params: CameraParams) -> Any:
+    """Which sources of a camera's image the parameters allow."""
+    allowed = _TRANSPORTS[params.image_transport]
+    return lambda source: source.type in allowed or source.type not in _TRANSPORTS["auto"]
+
+
+def publish_enhanced(outputs: Outputs, pair: EnhancedPair) -> None:
+    """Publish what the preprocessing stage made."""
+    head = header(pair.stamp_ns, pair.frame_id)
+    outputs.send("left/image_matching", lambda: mono_message(pair.left_matching, head))
+    outputs.send("right/image_matching", lambda: mono_message(pair.right_matching, head))
+    outputs.send("left/image_enhanced", lambda: color_message(pair.left, head))
+    outputs.send("right/image_enhanced", lambda: color_message(pair.right, head))
+
+
+class PreprocessNode(StageNode[Preprocess]):
+    """Enhances pairs of raw images."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(
+            "preprocess_node", classes=(CameraParams, PreprocessParams), inputs=CAMERAS, outputs=OUTPUTS, **options
+        )
+
+    def build(self, params: ParameterSet) -> Preprocess:
+        """Make the stage."""
+        return Preprocess(params[PreprocessParams])
+
+    def configure(self, params: ParameterSet) -> None:
+        """Take the image transport that is asked for."""
+        self.inputs.accepts = camera_filter(params[CameraParams])
+
+    def work(self, stage: Preprocess, group: Group) -> int:
+        """Enhance one pair."""
+        pair = stage(raw_pair(group))
+        publish_enhanced(self.outputs, pair)
+        return pair.stamp_ns
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node until it is interrupted; return the exit code."""
+    return run(PreprocessNode, __doc__, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

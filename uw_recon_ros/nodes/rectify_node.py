@@ -1,0 +1,137 @@
+"""`rectify_node`: enhanced images in, rectified ones out.
+
+| topic | type | |
+| --- | --- | --- |
+| `left/image_enhanced`, `right/image_enhanced` | Image bgr8 | in |
+| `left/image_matching`, `right/image_matching` | Image mono8 | in, where published; else luma of the enhanced images |
+| `left/camera_info`, `right/camera_info` | CameraInfo | in, latest, where published; see `calibration_use` |
+| `rectified/left/image_rect`, `rectified/right/image_rect` | Image mono8 | out: what the matcher sees |
+| `rectified/left/image_rect_color`, `rectified/right/image_rect_color` | Image bgr8 | out |
+| `rectified/left/camera_info`, `rectified/right/camera_info` | CameraInfo | out, see `uw_recon_ros.ros.geometry` |
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from sensor_msgs.msg import CameraInfo, Image
+
+from uw_recon_ros.rectify.stage import Rectify, RectifyParams
+from uw_recon_ros.rectify.tracker import RigTracker
+from uw_recon_ros.ros.assembly import Group
+from uw_recon_ros.ros.diagnostics import Diagnostics
+from uw_recon_ros.ros.inputs import Input, Source
+from uw_recon_ros.ros.main import run
+from uw_recon_ros.ros.messages import color_message, header, mono_message
+from uw_recon_ros.ros.node import StageNode
+from uw_recon_ros.ros.outputs import Output, Outputs
+from uw_recon_ros.ros.pairs import calibration_from_infos, enhanced_pair, is_calibrated, rectified_infos
+from uw_recon_ros.ros.parameters import ParameterSet
+from uw_recon_ros.types import EnhancedPair, RectifiedPair
+
+CAMERA_INFOS = tuple(
+    Input(f"{eye}_info", (Source(f"{eye}/camera_info", CameraInfo),), "latest") for eye in ("left", "right")
+)
+INPUTS = (
+    *(Input(f"{eye}_matching", (Source(f"{eye}/image_matching", Image),), "optional") for eye in ("left", "right")),
+    *(Input(eye, (Source(f"{eye}/image_enhanced", Image),)) for eye in ("left", "right")),
+    *CAMERA_INFOS,
+)
+OUTPUTS = (
+    *(Output(f"rectified/{eye}/camera_info", CameraInfo) for eye in ("left", "right")),
+    *(
+        Output(f"rectified/{eye}/{kind}", Image)
+        for kind in ("image_rect_color", "image_rect")
+        for eye in ("left", "right")
+    ),
+)
+
+
+@dataclass(frozen=True)
+class RigRectifier:
+    """The stage, and what is remembered of the rig."""
+
+    rectify: Rectify
+    rig: RigTracker
+
+    @classmethod
+    def make(cls, params: RectifyParams) -> RigRectifier:
+        """Start with an unknown rig."""
+        return cls(Rectify(params), RigTracker(params))
+
+    def __call__(self, pair: EnhancedPair) -> RectifiedPair:
+        """Rectify one pair."""
+        return self.rectify(pair, self.rig.update(pair))
+
+
+def unwanted_infos(params: RectifyParams) -> frozenset[str]:
+    """Inputs that the parameters rule out."""
+    return frozenset(i.name for i in CAMERA_INFOS) if params.calibration_use == "ignore" else frozenset()
+
+
+def report_calibration(diagnostics: Diagnostics, group: Group) -> None:
+    """Say where a camera_info denies being a calibration."""
+    zero = [i.sources[0].topic for i in CAMERA_INFOS if i.name in group and not is_calibrated(group[i.name])]
+    text = f"{' and '.join(zero)}: K is zero (not calibrated): rectified from the images" if zero else None
+    diagnostics.problem("uncalibrated", text)
+
+
+def report_rectification(diagnostics: Diagnostics, pair: RectifiedPair) -> None:
+    """Say how well the rows agree, and whether the scale is known."""
+    quality = pair.quality
+    diagnostics.say(
+        rectification=quality.method,
+        row_error_median_px=f"{quality.row_error_median_px:.3f}",
+        row_error_p95_px=f"{quality.row_error_p95_px:.3f}",
+        inliers=quality.inliers,
+        scale="metric" if pair.geometry.metric else "unknown",
+    )
+    diagnostics.problem("rectification", "; ".join(quality.warnings) or None)
+
+
+def publish_rectified(outputs: Outputs, pair: RectifiedPair) -> None:
+    """Publish what the rectification stage made."""
+    head = header(pair.stamp_ns, pair.frame_id)
+    left_info, right_info = rectified_infos(pair)
+    outputs.send("rectified/left/camera_info", lambda: left_info)
+    outputs.send("rectified/right/camera_info", lambda: right_info)
+    outputs.send("rectified/left/image_rect_color", lambda: color_message(pair.left, head))
+    outputs.send("rectified/right/image_rect_color", lambda: color_message(pair.right, head))
+    outputs.send("rectified/left/image_rect", lambda: mono_message(pair.left_matching, head))
+    outputs.send("rectified/right/image_rect", lambda: mono_message(pair.right_matching, head))
+
+
+class RectifyNode(StageNode[RigRectifier]):
+    """Rectifies pairs, by calibration or by what the images tell."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__("rectify_node", classes=(RectifyParams,), inputs=INPUTS, outputs=OUTPUTS, **options)
+
+    def build(self, params: ParameterSet) -> RigRectifier:
+        """Make the stage; what was known of the rig is forgotten."""
+        return RigRectifier.make(params[RectifyParams])
+
+    def configure(self, params: ParameterSet) -> None:
+        """Listen to calibrations only where they are used."""
+        self.inputs.ignored = unwanted_infos(params[RectifyParams])
+
+    def work(self, stage: RigRectifier, group: Group) -> int:
+        """Rectify one pair."""
+        report_calibration(self.diagnostics, group)
+        calibration = calibration_from_infos(group.get("left_info"), group.get("right_info"))
+        pair = stage(enhanced_pair(group, calibration))
+        report_rectification(self.diagnostics, pair)
+        publish_rectified(self.outputs, pair)
+        return pair.stamp_ns
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node until it is interrupted; return the exit code."""
+    return run(RectifyNode, __doc__, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,90 @@
+"""What the bag player is told, what it offers, and what it says at the end."""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import sys
+from collections import Counter, deque
+from collections.abc import Sequence
+
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.utilities import remove_ros_args
+
+from uw_recon_ros.bags.model import TopicInfo
+
+_MOST_LATCHED = 1000
+_RECENT = 10_000
+
+
+def parse(args: Sequence[str] | None, about: str | None) -> argparse.Namespace:
+    """Read the command line, ROS arguments set aside; `about` is what ``--help`` says."""
+    parser = argparse.ArgumentParser(
+        prog="bag_player_node", description=about, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("bag", help="rosbag2 folder, or .mcap file")
+    parser.add_argument("--rate", type=_positive, default=1.0, help="recorded seconds a second (default 1)")
+    parser.add_argument("--loop", action="store_true", help="begin again at the end, until interrupted")
+    parser.add_argument("--start-offset", type=_not_negative, default=0.0, metavar="S", help="skip the first S seconds")
+    parser.add_argument("--start-paused", action="store_true", help="wait for ~/resume or ~/step")
+    parser.add_argument("--topics", nargs="+", metavar="TOPIC", help="play only these")
+    parser.add_argument(
+        "--wait-for-subscribers", nargs="*", metavar="TOPIC",
+        help="begin when these have subscribers; without names, when any topic has and no more came for a second",
+    )  # fmt: skip
+    parser.add_argument("--clock-rate", type=_not_negative, default=50.0, metavar="HZ", help="of /clock; 0 = none")
+    return parser.parse_args(remove_ros_args(sys.argv if args is None else ["", *args])[1:])
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not 0 < value < 1e6:
+        raise ValueError(text)
+    return value
+
+
+def _not_negative(text: str) -> float:
+    value = float(text)
+    if not 0 <= value < 1e6:
+        raise ValueError(text)
+    return value
+
+
+def recorded_profile(topic: TopicInfo) -> QoSProfile:
+    """Offer what the recorded publishers offered; where they differ or are unknown, what suits every subscriber."""
+    reliable = not topic.qos or any(qos.reliability == "reliable" for qos in topic.qos)
+    latched = bool(topic.qos) and all(qos.durability == "transient_local" for qos in topic.qos)
+    depth = max([10, *(qos.depth for qos in topic.qos)])
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=max(depth, min(topic.count, _MOST_LATCHED)) if latched else depth,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+class Report:
+    """What was sent, and how late."""
+
+    def __init__(self) -> None:
+        self._sent: Counter[str] = Counter()
+        self._late: deque[float] = deque(maxlen=_RECENT)
+        self._latest = 0.0
+
+    def sent(self, topic: str) -> None:
+        """Count a message."""
+        self._sent[topic] += 1
+
+    def late(self, seconds: float) -> None:
+        """Note by how much a message missed its moment."""
+        self._late.append(seconds)
+        self._latest = max(self._latest, seconds)
+
+    def line(self, took_s: float, rate: float) -> str:
+        """Say it all in one line."""
+        counts = ", ".join(f"{topic} {number}" for topic, number in self._sent.items()) or "nothing"
+        median_ms = statistics.median(self._late or [0.0]) * 1e3
+        return (
+            f"sent {sum(self._sent.values())} messages in {took_s:.2f} s at rate {rate:g} ({counts}), "
+            f"late by {median_ms:.1f} ms median, {self._latest * 1e3:.1f} ms at most"
+        )
