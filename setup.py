@@ -8,7 +8,8 @@ from setuptools import find_packages, setup
 NAME = "uw_recon_ros"
 NODES = ["preprocess_node", "rectify_node", "disparity_node", "point_cloud_node", "pipeline_node", "bag_player_node"]
 MESSAGES = ["sensor-msgs", "stereo-msgs", "diagnostic-msgs", "std-srvs", "visualization-msgs", "rosgraph-msgs"]
-TEST = ["pytest>=7.4", "pytest-xdist>=3", "pytest-timeout>=2.1", "hypothesis>=6.80", "psutil>=5.9"]
+DASK, LAZ = ["distributed>=2024.1"], ["laspy>=2.5", "lazrs>=0.5"]
+TEST = ["pytest>=7.4", "pytest-xdist>=3", "pytest-timeout>=2.1", "hypothesis>=6.80", "psutil>=5.9", *DASK, *LAZ]
 
 
 def ros_wheels(distro: str) -> list[str]:
@@ -35,7 +36,7 @@ setup(
     ],
     keywords=["ROS", "stereo", "underwater", "reconstruction"],
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["py.typed", "report/*.js", "report/*.css", "report/*.html"]},
+    package_data={NAME: ["py.typed", "report/*.js", "report/*.css", "report/*.html", "survey/*.js", "survey/*.css"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -62,6 +63,8 @@ setup(
     extras_require={
         "ros-jazzy": ros_wheels("jazzy"),
         "ros-kilted": ros_wheels("kilted"),
+        "dask": DASK,
+        "laz": LAZ,
         "test": TEST,
         "dev": [*TEST, "ruff>=0.6", "mypy>=1.11", "types-PyYAML", "types-tqdm"],
     },

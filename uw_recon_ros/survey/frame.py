@@ -1,0 +1,150 @@
+"""One frame, in whatever process: read, reconstructed, written, described. What `Executor.run` calls."""
+
+from __future__ import annotations
+
+import os
+import resource
+import shutil
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import cv2
+
+from uw_recon_ros.errors import CalibrationError, ReconError
+from uw_recon_ros.images import write_image
+from uw_recon_ros.rectify.rectification import Rectification
+from uw_recon_ros.rectify.tie_points import TiePoints, find_tie_points
+from uw_recon_ros.report.figures import as_byte_rgb
+from uw_recon_ros.survey.listing import Frame
+from uw_recon_ros.survey.plan import Plan, Task, load_plan
+from uw_recon_ros.survey.products import Products, Stages, Stopwatch, describe
+from uw_recon_ros.survey.read import Reader
+from uw_recon_ros.survey.store import Row, SurveyError, publish
+from uw_recon_ros.survey.write import PREVIEWS, frame_files, frame_name, side_by_side
+from uw_recon_ros.types import StereoPair
+
+
+class Workshop:
+    """What a process keeps from frame to frame."""
+
+    def __init__(self, plan: Plan) -> None:
+        cv2.setNumThreads(1)  # the cores are shared out by frames
+        self.plan = plan
+        self.stages = Stages(plan.pipeline)
+        self.reader = Reader(plan.sources, plan.calibrations)
+        self.staging = Path(plan.root) / "state" / "staging"
+
+    def rectification(self, frame: Frame) -> Rectification:
+        """The rig's.
+
+        Raises
+        ------
+        CalibrationError
+            It is not known.
+        """
+        if frame.rig not in self.plan.rectifications:
+            raise CalibrationError("rectification: expected the rig to be known, got a frame of another one")
+        return self.plan.rectifications[frame.rig]
+
+
+_lock = threading.Lock()
+_workshop: tuple[str, Workshop] | None = None
+
+
+def _enter(task: Task) -> Workshop:
+    """The workshop of this process; furnished anew when the plan is another."""
+    global _workshop
+    with _lock:
+        if _workshop is None or _workshop[0] != task.digest:
+            if _workshop is not None:
+                _workshop[1].reader.close()
+            _workshop = task.digest, Workshop(load_plan(task))
+        return _workshop[1]
+
+
+def tie_points_of(task: Task) -> TiePoints | str:
+    """Tie points of one frame, or why there are none."""
+    shop = _enter(task)
+    try:
+        pair = shop.stages.preprocess(shop.reader.read(task.frame))
+        return find_tie_points(pair, shop.plan.pipeline.rectify)
+    except ReconError as error:
+        return _one_line(error)
+
+
+def reconstruct_frame(task: Task) -> Row:
+    """Reconstruct one frame and write its files.
+
+    Returns
+    -------
+    dict
+        The frame's row. What the data does not allow gives a row with the reason.
+
+    Raises
+    ------
+    OSError, MemoryError
+        This machine cannot go on: a full disk, no memory.
+    """
+    shop, started, timed = _enter(task), time.perf_counter(), Stopwatch()
+    frame = task.frame
+    row: Row = {"frame": frame.number, "source": shop.plan.sources[frame.source].name, "stamp_ns": frame.stamp_ns}
+    pair: StereoPair | None = None
+    try:
+        with timed("read"):
+            pair = shop.reader.read(frame)
+        products = shop.stages(pair, shop.rectification(frame), timed)
+        row |= {"status": "ok", "reason": "", **describe(products)}
+        files = _write_products(shop, frame, products, row)
+    except (OSError, MemoryError, SurveyError):
+        raise
+    except ReconError as error:
+        row |= {"status": "failed", "reason": _one_line(error)}
+        files = _write_raw(shop, frame, pair)
+    except Exception as error:  # one frame's trouble, whatever it is, is not the survey's end
+        row |= {"status": "failed", "reason": f"internal error: {type(error).__name__}: {_one_line(error)}"}
+        files = _write_raw(shop, frame, pair)
+    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
+    seconds = time.perf_counter() - started
+    return row | {"files": files, "seconds": seconds, "stages_seconds": timed.seconds, "peak_mb": peak_mb}
+
+
+def _write_products(shop: Workshop, frame: Frame, products: Products, row: Row) -> dict[str, int]:
+    files = frame_files(frame.number, frame.left.log_ns, products, shop.plan.survey)
+    with products.timed("write"):
+        written = _write(shop, files)
+    row["points"] = int((products.depth.status == 0).sum())
+    row["triangles"] = len(products.surface.faces) if shop.plan.survey.products & {"meshes", "views"} else None
+    return written
+
+
+def _write_raw(shop: Workshop, frame: Frame, pair: StereoPair | None) -> dict[str, int]:
+    """Show at least what the failure looked like."""
+    if pair is None:
+        return {}
+    images = as_byte_rgb(pair.left), as_byte_rgb(pair.right)
+    name = f"{PREVIEWS}/{frame_name(frame.number)}.jpg"
+    return _write(shop, {name: lambda path: write_image(path, side_by_side(*images))})
+
+
+def _write(shop: Workshop, files: Mapping[str, Callable[[Path], None]]) -> dict[str, int]:
+    """Write all files of a frame under temporary names, then move them to their places; return their sizes."""
+    folder = Path(tempfile.mkdtemp(prefix=f"{os.getpid()}-", dir=shop.staging))
+    try:
+        staged = {}
+        for number, (name, write) in enumerate(files.items()):
+            temporary = folder / str(number) / Path(name).name
+            temporary.parent.mkdir()
+            write(temporary)
+            staged[temporary] = Path(shop.plan.root) / name
+        sizes = {name: path.stat().st_size for name, path in zip(files, staged, strict=True)}
+        publish(staged)
+        return sizes
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())

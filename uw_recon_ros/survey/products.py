@@ -1,0 +1,158 @@
+"""One pair through the stages, and the numbers that describe what came of it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from uw_recon_ros.errors import EstimationError
+from uw_recon_ros.match.stage import Match
+from uw_recon_ros.pipeline import PipelineParams
+from uw_recon_ros.preprocess.stage import Preprocess
+from uw_recon_ros.reconstruct.stage import Reconstruct
+from uw_recon_ros.rectify.params import RectifyParams
+from uw_recon_ros.rectify.rectification import Rectification, row_statistics
+from uw_recon_ros.rectify.stage import Rectify
+from uw_recon_ros.rectify.tie_points import find_tie_points
+from uw_recon_ros.types import (
+    DepthMap,
+    DisparityMap,
+    EnhancedPair,
+    PointCloud,
+    RectifiedPair,
+    StereoPair,
+    Surface,
+)
+
+QUANTILES = (5, 25, 50, 75, 95)
+
+
+@dataclass
+class Stopwatch:
+    """Wall time of each stage, s; what is timed inside another block is not counted twice."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+    _inside: list[float] = field(default_factory=list)
+
+    @contextmanager
+    def __call__(self, stage: str) -> Iterator[None]:
+        """Time a block."""
+        started = time.perf_counter()
+        self._inside.append(0.0)
+        try:
+            yield
+        finally:
+            elapsed, inner = time.perf_counter() - started, self._inside.pop()
+            self.seconds[stage] = self.seconds.get(stage, 0.0) + elapsed - inner
+            if self._inside:
+                self._inside[-1] += elapsed
+
+
+@dataclass(frozen=True)
+class Products:
+    """All that came of one pair; clouds and surface are made when they are asked for.
+
+    Parameters
+    ----------
+    enhanced, rectified, disparity, depth
+        In the order they were made.
+    row_error_px : (float, float)
+        Median and 95th percentile of the rows' disagreement in this very pair, px; NaN: too few tie points.
+    reconstruct : Reconstruct
+    timed : Stopwatch
+    """
+
+    enhanced: EnhancedPair
+    rectified: RectifiedPair
+    disparity: DisparityMap
+    depth: DepthMap
+    row_error_px: tuple[float, float]
+    reconstruct: Reconstruct
+    timed: Stopwatch
+
+    @cached_property
+    def cloud(self) -> PointCloud:
+        """A point a pixel."""
+        with self.timed("cloud"):
+            return self.reconstruct.cloud(self.depth, self.rectified.left)
+
+    @cached_property
+    def thinned(self) -> PointCloud:
+        """A point a voxel."""
+        cloud = self.cloud
+        with self.timed("cloud"):
+            return self.reconstruct.thin(cloud)
+
+    @cached_property
+    def surface(self) -> Surface:
+        """The textured mesh."""
+        with self.timed("surface"):
+            return self.reconstruct.surface(self.depth, self.rectified.left)
+
+
+class Stages:
+    """The nodes' stages in a row, for a rig whose rectification is known."""
+
+    def __init__(self, params: PipelineParams) -> None:
+        self.preprocess = Preprocess(params.preprocess)
+        self._rectify_params = params.rectify
+        self._rectify = Rectify(params.rectify)
+        self._match = Match(params.match)
+        self._reconstruct = Reconstruct(params.reconstruct)
+
+    def __call__(self, pair: StereoPair, rectification: Rectification, timed: Stopwatch) -> Products:
+        """Reconstruct one pair.
+
+        Raises
+        ------
+        ReconError
+            What the images did not allow, with the numbers.
+        """
+        with timed("preprocess"):
+            enhanced = self.preprocess(pair)
+        with timed("rectify"):
+            rectified = self._rectify(enhanced, rectification)
+            row_error = measure_rows(enhanced, rectification, self._rectify_params)
+        with timed("match"):
+            disparity = self._match(rectified)
+        with timed("depth"):
+            depth = self._reconstruct.depth(disparity)
+        return Products(enhanced, rectified, disparity, depth, row_error, self._reconstruct, timed)
+
+
+def measure_rows(pair: EnhancedPair, rectification: Rectification, params: RectifyParams) -> tuple[float, float]:
+    """Median and 95th percentile of the row error of one pair's own tie points, px; NaN where there are too few."""
+    try:
+        return row_statistics(rectification.row_errors(find_tie_points(pair, params)))
+    except EstimationError:
+        return float("nan"), float("nan")
+
+
+def describe(products: Products) -> dict[str, Any]:
+    """The numbers of a frame's row; None where there is none."""
+    disparity, depth = products.disparity, products.depth
+    valid = depth.depth[np.isfinite(depth.depth)]
+    quantiles = np.percentile(valid, QUANTILES) if valid.size else [None] * len(QUANTILES)
+    return {
+        "density": disparity.density,
+        "row_error_median_px": _finite(products.row_error_px[0]),
+        "row_error_p95_px": _finite(products.row_error_px[1]),
+        **{f"depth_p{q:02d}": _finite(value) for q, value in zip(QUANTILES, quantiles, strict=True)},
+        "depth_density": float(valid.size / depth.depth.size),
+        "scale": "metric" if depth.geometry.metric else "unknown",
+        "min_disparity": disparity.min_disparity,
+        "max_disparity": disparity.max_disparity,
+        "method": disparity.method,
+        "energy": _finite(disparity.energy),
+        "rectification": products.rectified.quality.method,
+    }
+
+
+def _finite(value: float | None) -> float | None:
+    return float(value) if value is not None and np.isfinite(value) else None

@@ -1,0 +1,126 @@
+"""From the paths a user gives to what can be read: bags, folders of bags, folders of stills."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from uw_recon_ros.bags.files import natural_order
+from uw_recon_ros.bags.pack import find_images
+from uw_recon_ros.errors import BagError
+
+EYE_FOLDERS = (("left", "right"), ("cam0", "cam1"), ("camera0", "camera1"), ("l", "r"), ("0", "1"))
+_BAG_SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
+_CALIBRATION = "calibration.yaml"
+_BLOCK = 1 << 20
+
+
+@dataclass(frozen=True)
+class Source:
+    """One recording.
+
+    Parameters
+    ----------
+    kind : {'bag', 'stills'}
+    path : str
+        Absolute.
+    name : str
+        What reports call it: the path's last part.
+    """
+
+    kind: Literal["bag", "stills"]
+    path: str
+    name: str
+
+
+def find_sources(paths: Iterable[str | Path]) -> list[Source]:
+    """Look at what each path is: a bag, a folder of stills, or a folder of either.
+
+    Raises
+    ------
+    BagError
+        A path that is none of it.
+    """
+    return [source for path in paths for source in _sources_at(Path(path))]
+
+
+def _sources_at(path: Path) -> list[Source]:
+    if not path.exists():
+        raise BagError(f"{path}: expected a bag or a folder, there is no such file or folder")
+    own = _source(path)
+    if own:
+        return [own]
+    inside = [_source(child) for child in sorted(path.iterdir(), key=natural_order)]
+    found = [source for source in inside if source is not None]
+    if not found:
+        raise BagError(
+            f"{path}: expected a bag, a folder of bags, or a folder with the stills of both eyes in left/ and right/"
+        )
+    return found
+
+
+def _source(path: Path) -> Source | None:
+    if path.is_file():
+        is_bag = path.name.endswith(_BAG_SUFFIXES)
+    else:
+        is_bag = (path / "metadata.yaml").is_file() or any(f.name.endswith(_BAG_SUFFIXES) for f in path.iterdir())
+    if is_bag:
+        return Source("bag", str(path.absolute()), path.name)
+    return Source("stills", str(path.absolute()), path.name) if path.is_dir() and eye_folders(path) else None
+
+
+def eye_folders(path: Path) -> tuple[Path, Path] | None:
+    """The two folders that hold the stills of either eye."""
+    folders = {child.name.lower(): child for child in path.iterdir() if child.is_dir()}
+    for left, right in EYE_FOLDERS:
+        if left in folders and right in folders:
+            return folders[left], folders[right]
+    return None
+
+
+def calibration_file(source: Source) -> Path | None:
+    """The ``calibration.yaml`` beside stills."""
+    file = Path(source.path) / _CALIBRATION
+    return file if source.kind == "stills" and file.is_file() else None
+
+
+def source_files(source: Source) -> list[Path]:
+    """All files a source is read from, in natural order."""
+    path = Path(source.path)
+    if path.is_file():
+        return [path]
+    if source.kind == "bag":
+        return sorted((file for file in path.iterdir() if file.is_file()), key=natural_order)
+    eyes = eye_folders(path) or ()
+    stills = [file for folder in eyes for file in find_images(str(folder))]
+    beside = calibration_file(source)
+    return [*stills, beside] if beside else stills
+
+
+def fingerprint(source: Source, on_bytes: Callable[[int], None] = lambda count: None) -> dict[str, str]:
+    """SHA-256 of every file of a source, by its path inside the source.
+
+    Raises
+    ------
+    BagError
+        A file cannot be read.
+    """
+    root = Path(source.path)
+    base = root.parent if root.is_file() else root
+    return {file.relative_to(base).as_posix(): sha256(file, on_bytes) for file in source_files(source)}
+
+
+def sha256(path: str | Path, on_bytes: Callable[[int], None] = lambda count: None) -> str:
+    """Digest of a file, read in pieces."""
+    digest = hashlib.sha256()
+    try:
+        with Path(path).open("rb") as stream:
+            while block := stream.read(_BLOCK):
+                digest.update(block)
+                on_bytes(len(block))
+    except OSError as error:
+        raise BagError(f"{path}: cannot be read: {error.strerror or error}") from error
+    return digest.hexdigest()

@@ -1,0 +1,45 @@
+"use strict";
+// Choosing a frame: by its picture, its row, a click on a time line, or its number. Its view is a page of its own.
+(() => {
+  const survey = JSON.parse(document.getElementById("survey").textContent), frames = survey.frames;
+  const frame = document.querySelector("iframe.view"), input = document.getElementById("number");
+  const says = document.getElementById("says"), open = document.getElementById("open");
+  const place = new Map(frames.map((row, k) => [row[0], k]));
+  let now = place.get(survey.shown);
+
+  const name = number => `${String(number).padStart(6, "0")}`;
+  const show = value => value === null ? "–" : Number(value.toPrecision(3));
+
+  function choose(k, scroll) {
+    if (k === undefined || k < 0 || k >= frames.length) return;
+    now = k;
+    const [number, time, density, rows, depth, seen, reason] = frames[k];
+    input.value = number;
+    says.textContent = reason ? `failed: ${reason}`
+      : `${show(time)} s, density ${Math.round(100 * density)} %, row error ${show(rows)} px, depth ${show(depth)} ${survey.unit}`;
+    open.hidden = !seen;
+    open.href = `views/${name(number)}.html`;
+    if (frame && number === survey.shown) { frame.removeAttribute("src"); frame.srcdoc = survey.first; }
+    else if (frame && seen) { frame.removeAttribute("srcdoc"); frame.src = `views/${name(number)}.html`; }
+    document.querySelectorAll("[data-frame]").forEach(e => e.setAttribute("aria-pressed", String(+e.dataset.frame === number)));
+    document.querySelectorAll(".chart .cursor").forEach(line => {
+      const x = survey.left + (time - survey.start) / (survey.end - survey.start) * (survey.right - survey.left);
+      line.setAttribute("x1", x); line.setAttribute("x2", x);
+    });
+    if (scroll) document.getElementById("view").scrollIntoView({ behavior: "smooth" });
+  }
+
+  document.querySelectorAll("[data-frame]").forEach(e => e.addEventListener("click", () => choose(place.get(+e.dataset.frame), true)));
+  document.getElementById("back").addEventListener("click", () => choose(now - 1));
+  document.getElementById("next").addEventListener("click", () => choose(now + 1));
+  input.addEventListener("change", () => {
+    const wanted = Number(input.value);
+    choose(frames.reduce((best, row, k) => Math.abs(row[0] - wanted) < Math.abs(frames[best][0] - wanted) ? k : best, 0));
+  });
+  document.querySelectorAll(".chart").forEach(chart => chart.addEventListener("click", event => {
+    const box = chart.getBoundingClientRect(), x = (event.clientX - box.left) / box.width * survey.width;
+    const time = survey.start + (x - survey.left) / (survey.right - survey.left) * (survey.end - survey.start);
+    choose(frames.reduce((best, row, k) => Math.abs(row[1] - time) < Math.abs(frames[best][1] - time) ? k : best, 0));
+  }));
+  choose(now);
+})();

@@ -1,0 +1,116 @@
+"""``frames.csv``, ``timing.csv``: a row a pair. ``report.json``: what was made from what.
+
+All but the times are the same whenever the same input, parameters and versions are used.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from uw_recon_ros.rectify.rectification import Rectification
+from uw_recon_ros.survey.products import QUANTILES
+from uw_recon_ros.survey.store import Row
+
+COLUMNS = (
+    "frame", "source", "stamp_ns", "status", "reason", "density", "row_error_median_px", "row_error_p95_px",
+    *(f"depth_p{q:02d}" for q in QUANTILES), "depth_density", "scale", "points", "triangles",
+    "min_disparity", "max_disparity", "method", "energy", "rectification", "seconds",
+)  # fmt: skip
+STAGE_COLUMNS = ("read", "preprocess", "rectify", "match", "depth", "cloud", "surface", "write")
+#: Columns and files whose bytes differ from run to run.
+TIMES = ("frames.csv: seconds", "timing.csv", "run.json", "report.html")
+_DIGITS = 6
+
+
+def frames_csv(rows: Iterable[Row]) -> bytes:
+    """The rows as RFC 4180, numbers to six digits."""
+    return _csv(COLUMNS, ([_text(row.get(name)) for name in COLUMNS] for row in rows))
+
+
+def timing_csv(rows: Iterable[Row]) -> bytes:
+    """Seconds of every stage, and the most memory its process had needed until then."""
+    lines = (
+        [row["frame"], *(_text(row["stages_seconds"].get(name)) for name in STAGE_COLUMNS), _text(row.get("peak_mb"))]
+        for row in rows
+    )
+    return _csv(("frame", *STAGE_COLUMNS, "peak_mb"), lines)
+
+
+def _csv(header: Iterable[str], lines: Iterable[Iterable[Any]]) -> bytes:
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(lines)
+    return stream.getvalue().encode()
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return ""
+    return f"{value:.{_DIGITS}g}" if isinstance(value, float) else str(value)
+
+
+def report(
+    settings: Mapping[str, Any],
+    rows: list[Row],
+    rectifications: Mapping[int, Rectification],
+    pairs: int,
+    notes: list[str],
+    unreadable: list[str],
+) -> dict[str, Any]:
+    """What ``report.json`` holds."""
+    ok = [row for row in rows if row["status"] == "ok"]
+    return {
+        **settings,
+        "seed": {name: value for name, value in settings["parameters"].items() if name.endswith("seed")},
+        "frames": {
+            "pairs_in_input": pairs,
+            "chosen": len(rows),
+            "ok": len(ok),
+            "failed": len(rows) - len(ok),
+            "reasons": dict(Counter(row["reason"] for row in rows if row["status"] != "ok").most_common()),
+        },
+        "scale": sorted({row["scale"] for row in ok}),
+        "density": _summary(ok, "density"),
+        "row_error_median_px": _summary(ok, "row_error_median_px"),
+        "depth_p50": _summary(ok, "depth_p50"),
+        "rigs": {str(rig): _rig(found) for rig, found in sorted(rectifications.items())},
+        "notes": notes,
+        "unreadable": unreadable,
+        "times": {"not the same from run to run": list(TIMES)},
+    }
+
+
+def _summary(rows: list[Row], name: str) -> dict[str, float] | None:
+    """Least, median and greatest of a column."""
+    values = [row[name] for row in rows if row[name] is not None]
+    if not values:
+        return None
+    return {"least": min(values), "median": float(np.median(values)), "greatest": max(values)}
+
+
+def _rig(found: Rectification) -> dict[str, Any]:
+    quality, geometry = found.quality, found.geometry
+    return {
+        "method": quality.method,
+        "row_error_median_px": _finite(quality.row_error_median_px),
+        "row_error_p95_px": _finite(quality.row_error_p95_px),
+        "inliers": quality.inliers,
+        "warnings": list(quality.warnings),
+        "axis": geometry.axis,
+        "focal_px": geometry.focal_px,
+        "baseline_m": geometry.baseline_m,
+        "offset_px": geometry.offset_px,
+        "width": found.width,
+        "height": found.height,
+    }
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None

@@ -1,0 +1,142 @@
+"""The files of one frame, in the formats asked for."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from uw_recon_ros.bags import write_bag
+from uw_recon_ros.errors import BagError, ReconError
+from uw_recon_ros.evaluate import write_pfm
+from uw_recon_ros.images import write_bytes, write_image
+from uw_recon_ros.reconstruct.export import write_glb, write_ply
+from uw_recon_ros.report.figures import colorize_disparity
+from uw_recon_ros.report.page import Summary, render_page
+from uw_recon_ros.survey.params import SurveyParams
+from uw_recon_ros.survey.products import Products
+from uw_recon_ros.survey.topics import frame_messages
+from uw_recon_ros.types import ByteImage, FloatImage, PointCloud
+
+BAG_PARTS = "state/bag"
+PREVIEWS = "previews"
+VIEWS = "views"
+_PREVIEW_HEIGHT = 120
+_LAZ_STEP_M = 1e-4
+_MM_LIMIT = 65535
+
+Write = Callable[[Path], None]
+
+
+def frame_files(number: int, log_ns: int, products: Products, params: SurveyParams) -> dict[str, Write]:
+    """What a frame leaves: path inside the output directory, and how to write it.
+
+    Depth appears only where it is metric; a mesh only where there is a triangle.
+    """
+    name, wanted = frame_name(number), params.products
+    files: dict[str, Write] = {f"{PREVIEWS}/{name}.jpg": lambda path: write_image(path, preview(products))}
+    if "disparity" in wanted:
+        files[f"disparity/{name}.{params.disparity_format}"] = lambda p: _write_floats(p, products.disparity.disparity)
+    if "depth" in wanted and products.depth.geometry.metric:
+        files[f"depth/{name}.{params.depth_format}"] = lambda path: _write_depth(path, products.depth.depth)
+    if "clouds" in wanted:
+        files[f"clouds/{name}.{params.cloud_format}"] = lambda path: _write_cloud(path, products, params.cloud_points)
+    if "meshes" in wanted and len(products.surface.faces):
+        files[f"meshes/{name}.glb"] = lambda path: write_glb(path, products.surface)
+    if "views" in wanted and len(products.surface.faces):
+        files[f"{VIEWS}/{name}.html"] = lambda path: write_bytes(path, _view(number, products).encode())
+    if "bag" in wanted:
+        topics = params.chosen_topics
+        files[f"{BAG_PARTS}/{name}.mcap"] = lambda path: _write_part(path, products, log_ns, topics)
+    return files
+
+
+def frame_name(number: int) -> str:
+    """What a frame's files are called."""
+    return f"{number:06d}"
+
+
+def preview(products: Products) -> ByteImage:
+    """Left view and disparity side by side, small."""
+    return side_by_side(products.rectified.left, colorize_disparity(products.disparity))
+
+
+def side_by_side(*images: ByteImage) -> ByteImage:
+    """Pictures next to each other, of one small height."""
+    scaled = []
+    for image in images:
+        width = max(1, round(image.shape[1] * _PREVIEW_HEIGHT / image.shape[0]))
+        scaled.append(cv2.resize(image, (width, _PREVIEW_HEIGHT), interpolation=cv2.INTER_AREA))
+    return np.ascontiguousarray(np.hstack(scaled))
+
+
+def _view(number: int, products: Products) -> str:
+    """A page with the frame's surface to turn."""
+    depth, density = products.depth, products.disparity.density
+    facts = [("time stamp", f"{depth.stamp_ns / 1e9:.3f} s"), ("density", f"{density:.0%}")]
+    return render_page(f"Frame {number}", Summary(facts=facts), [], products.surface)
+
+
+def _write_floats(path: Path, values: FloatImage) -> None:
+    if path.suffix == ".pfm":
+        write_pfm(path, values)
+    else:
+        write_image(path, values)
+
+
+def _write_depth(path: Path, depth: FloatImage) -> None:
+    if path.suffix == ".png":
+        write_image(path, millimetres(depth))
+    else:
+        _write_floats(path, depth)
+
+
+def millimetres(depth: FloatImage) -> np.ndarray[tuple[int, ...], np.dtype[np.uint16]]:
+    """Depth in m as whole mm; 0 where there is none, or it does not fit into 16 bits."""
+    rounded = np.rint(np.nan_to_num(depth, nan=0.0) * 1000.0)
+    return np.where((rounded >= 1) & (rounded <= _MM_LIMIT), rounded, 0).astype(np.uint16)
+
+
+def _write_cloud(path: Path, products: Products, choice: str) -> None:
+    cloud = products.cloud if choice == "all" else products.thinned
+    if path.suffix == ".laz":
+        write_laz(path, cloud)
+    else:
+        write_ply(path, cloud)
+
+
+def write_laz(path: Path, cloud: PointCloud) -> None:
+    """Write the points of a cloud as LAZ 1.4, point format 7, in steps of 0.1 mm.
+
+    Raises
+    ------
+    ReconError
+        The extra ``laz`` is not installed.
+    """
+    try:
+        import laspy
+    except ImportError as error:
+        raise ReconError("cloud_format laz: expected the extra 'laz': pip install uw_recon_ros[laz]") from error
+    points, colors = cloud.points.reshape(-1, 3), cloud.colors.reshape(-1, 3)
+    there = np.isfinite(points).all(axis=1)
+    header = laspy.LasHeader(version="1.4", point_format=7)
+    header.scales, header.offsets = np.full(3, _LAZ_STEP_M), np.zeros(3)
+    header.generating_software = "uw_recon_ros"
+    header.creation_date = datetime.datetime.fromtimestamp(cloud.stamp_ns // 10**9, datetime.timezone.utc).date()
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = points[there].astype(np.float64).T
+    las.red, las.green, las.blue = colors[there].astype(np.uint16).T * np.uint16(257)
+    las.write(str(path), do_compress=True)
+
+
+def _write_part(path: Path, products: Products, log_ns: int, topics: frozenset[str]) -> None:
+    """The frame's share of the output bag, itself a bag. A full disk is the machine's trouble, not the frame's."""
+    try:
+        write_bag(path, frame_messages(products, log_ns, topics))
+    except BagError as error:
+        if isinstance(error.__cause__, OSError):
+            raise error.__cause__ from error
+        raise
