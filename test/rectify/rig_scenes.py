@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
+
+from uw_recon_ros.rectify import TiePoints
+from uw_recon_ros.types import CameraModel, EnhancedPair, StereoCalibration
 
 Array = NDArray[np.float64]
 NO_DISTORTION = np.zeros(5)
@@ -102,3 +108,109 @@ def scatter(rig: Rig, count: int, near: float, far: float, seed: int = 0) -> Arr
     depth = 1 / rng.uniform(1 / far, 1 / near, count)
     rays = np.column_stack([pixels, np.ones(count)]) @ np.linalg.inv(rig.left.k).T
     return rays * depth[:, None]
+
+
+def tie_points(
+    rig: Rig, count: int = 300, near: float = 1.0, far: float = 3.0, noise: float = 0.3, seed: int = 0
+) -> TiePoints:
+    left, right, _ = rig.see(scatter(rig, count, near, far, seed), noise, seed)
+    return TiePoints(left, right, rig.width, rig.height)
+
+
+def tie_points_of(rig: Rig, points: Array, noise: float = 0.0, seed: int = 0) -> TiePoints:
+    left, right, _ = rig.see(points, noise, seed)
+    return TiePoints(left, right, rig.width, rig.height)
+
+
+def rotated(points: TiePoints, quarter_turns: int) -> TiePoints:
+    """As ``np.rot90(image, quarter_turns)`` moves them."""
+    left, right, width, height = points.left, points.right, points.width, points.height
+    for _ in range(quarter_turns % 4):
+        left, right = (np.column_stack([p[:, 1], width - 1 - p[:, 0]]) for p in (left, right))
+        width, height = height, width
+    return TiePoints(left, right, width, height)
+
+
+_TEXTURE_PX_PER_M = 300.0
+
+
+@functools.cache
+def _texture() -> NDArray[np.float32]:
+    rng = np.random.default_rng(0)
+    texture = np.zeros((1024, 1024), np.float32)
+    for sigma in (1.2, 3.0, 9.0):
+        layer = gaussian_filter(rng.normal(0, 1, texture.shape).astype(np.float32), sigma, mode="wrap")
+        texture += layer / layer.std()
+    return np.clip(128 + 35 * texture, 0, 255).astype(np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class Board:
+    """A textured square, or a whole plane: ``normal @ x = distance``."""
+
+    normal: Array
+    distance: float
+    middle: Array
+    half_width: float
+    shift: float
+
+
+def boards(seed: int, count: int) -> list[Board]:
+    """A back plane and `count` squares in front of it, 1 to 2 m away."""
+    rng = np.random.default_rng(seed)
+    scene = [Board(np.array([0.1, -0.05, 1.0]), 2.5, np.zeros(2), np.inf, rng.uniform(0, 1000))]
+    for _ in range(count):
+        normal = np.array([*rng.normal(0, 0.2, 2), 1.0])
+        middle, half_width = rng.uniform((-1.0, -0.8), (1.0, 0.8)), rng.uniform(0.15, 0.35)
+        scene.append(Board(normal, rng.uniform(1.1, 2.0), middle, half_width, rng.uniform(0, 1000)))
+    return scene
+
+
+def render(rig: Rig, *, count: int = 8, seed: int = 0) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """RGB images of textured boards by casting a ray a pixel; ``count = 0``: a flat scene. No distortion."""
+    scene = boards(seed, count)
+    return _render_eye(rig.left, rig, scene), _render_eye(rig.right, rig, scene)
+
+
+def _render_eye(camera: Camera, rig: Rig, scene: list[Board]) -> NDArray[np.uint8]:
+    v, u = np.mgrid[0 : rig.height, 0 : rig.width]
+    rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(camera.k).T @ camera.rotation
+    origin = -camera.rotation.T @ camera.translation
+    depth, gray = np.full(u.shape, np.inf), np.zeros(u.shape, np.float32)
+    for board in scene:
+        along = (board.distance - board.normal @ origin) / (rays @ board.normal)
+        hit = origin[:2] + along[..., None] * rays[..., :2]
+        off = np.abs(hit - board.middle)
+        seen = (along > 0) & (along < depth) & (off[..., 0] < board.half_width) & (off[..., 1] < board.half_width)
+        place = ((hit * _TEXTURE_PX_PER_M + board.shift) % 1024).astype(np.float32)
+        shade = cv2.remap(_texture(), place[..., 0], place[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+        depth, gray = np.where(seen, along, depth), np.where(seen, shade, gray)
+    return np.repeat(np.rint(gray).astype(np.uint8)[..., None], 3, axis=2)
+
+
+def enhanced(
+    left: NDArray[np.uint8], right: NDArray[np.uint8], calibration: StereoCalibration | None = None
+) -> EnhancedPair:
+    left, right = np.ascontiguousarray(left), np.ascontiguousarray(right)
+    grays = [np.ascontiguousarray(image[..., 1]) for image in (left, right)]
+    return EnhancedPair(left, right, *grays, stamp_ns=123, frame_id="left_optical_frame", calibration=calibration)
+
+
+def calibration_of(rig: Rig, *, alpha: float = 0.0) -> StereoCalibration:
+    """What a calibration program would write for a rig: rectified by OpenCV, the oracle."""
+    left, right, size = rig.left, rig.right, (rig.width, rig.height)
+    if left.model == "equidistant":
+        r1, r2, p1, p2, _ = cv2.fisheye.stereoRectify(
+            left.k, left.d, right.k, right.d, size, right.rotation, right.translation[:, None],
+            cv2.fisheye.CALIB_ZERO_DISPARITY, newImageSize=size, balance=0.0, fov_scale=1.0,
+        )  # fmt: skip
+    else:
+        r1, r2, p1, p2, *_ = cv2.stereoRectify(
+            left.k, left.d, right.k, right.d, size, right.rotation, right.translation[:, None],
+            flags=cv2.CALIB_ZERO_DISPARITY, alpha=alpha,
+        )  # fmt: skip
+    cameras = [
+        CameraModel(rig.width, rig.height, eye.k, np.asarray(eye.d), r, p, eye.model)
+        for eye, r, p in ((left, r1, p1), (right, r2, p2))
+    ]
+    return StereoCalibration(*cameras)

@@ -21,7 +21,16 @@ _GIVEN_SLACK_PX = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A fit for one axis, in a frame where that axis is horizontal."""
+    """A fit for one axis, in a frame where that axis is horizontal.
+
+    Parameters
+    ----------
+    axis : {'horizontal', 'vertical'}
+        Of the rig.
+    fitted, held_out, everything : TiePoints
+        Those of the fit, those it is measured on, both together.
+    fit : QuasiEuclidean
+    """
 
     axis: Axis
     fitted: TiePoints

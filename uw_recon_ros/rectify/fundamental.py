@@ -123,7 +123,7 @@ def epipoles(fundamental: Matrix) -> tuple[Matrix, Matrix]:
 
 def epipole_inside(epipole: Matrix, width: int, height: int) -> bool:
     """Whether a homogeneous epipole lies within an image: the camera moved forward."""
-    if abs(epipole[2]) * max(width, height) * 1e3 < np.linalg.norm(epipole[:2]):
+    if abs(epipole[2]) * max(width, height) * 1e3 <= np.linalg.norm(epipole[:2]):
         return False
     u, v = epipole[:2] / epipole[2]
     return bool(-0.5 <= u <= width - 0.5 and -0.5 <= v <= height - 0.5)

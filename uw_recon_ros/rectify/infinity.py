@@ -17,6 +17,7 @@ from uw_recon_ros.types import Axis, Matrix
 DEPTH_RATIO = 25.0
 _NEARLY_ALL = 0.95
 _TAIL = 0.02
+_SURE = 5.0  # standard deviations
 
 
 def _vote(parallax: Matrix) -> int:
@@ -25,7 +26,7 @@ def _vote(parallax: Matrix) -> int:
     return -1 if negative >= _NEARLY_ALL else int(negative <= 1 - _NEARLY_ALL)
 
 
-def baseline_side(parallax: Matrix, raw_parallax: Matrix, axis: Axis) -> int:
+def baseline_side(parallax: Matrix, raw_parallax: Matrix, sigma_px: float, axis: Axis) -> int:
     """Side of the second camera: the sign of ``f B / Z``.
 
     Parameters
@@ -33,19 +34,23 @@ def baseline_side(parallax: Matrix, raw_parallax: Matrix, axis: Axis) -> int:
     parallax : (N,) float64
         Disparity plus offset after rectification, px.
     raw_parallax : (N,) float64
-        The same difference of coordinates in the raw images, px: as good as the other for cameras that are parallel.
+        The same difference of coordinates in the raw images, px: right for cameras that are nearly parallel.
+    sigma_px : float
+        Standard deviation of infinity in `parallax`, px.
     axis : {'horizontal', 'vertical'}
-        Where both contradict each other, a horizontal rig is believed to be the right way round, of a vertical one the
-        raw images.
+        Where both contradict each other, a horizontal rig is believed to be the right way round; of a vertical one the
+        rectified views are believed if they are sure of it.
 
     Returns
     -------
     {1, -1}
     """
     rectified, raw = _vote(parallax), _vote(raw_parallax)
-    if rectified + raw == 0:
-        return raw if axis == "vertical" and raw != 0 else 1
-    return -1 if rectified + raw < 0 else 1
+    if rectified + raw != 0:
+        return -1 if rectified + raw < 0 else 1
+    if axis == "horizontal" or rectified == 0:
+        return 1
+    return rectified if abs(float(np.median(parallax))) > _SURE * sigma_px else raw
 
 
 def infinity_shift(parallax: Matrix) -> float:

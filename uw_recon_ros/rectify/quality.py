@@ -14,6 +14,8 @@ from uw_recon_ros.rectify.tie_points import TiePoints
 from uw_recon_ros.rectify.views import View
 from uw_recon_ros.types import Matrix
 
+_ROLL_LIMIT_DEG = 60.0
+
 
 @dataclass(frozen=True)
 class Distortion:
@@ -75,7 +77,8 @@ def _torn_or_bent(eye: str, distortion: Distortion, params: RectifyParams) -> li
     ]
 
 
-def _forward(fundamental: Matrix, tie_points: TiePoints) -> list[str]:
+def forward_motion(fundamental: Matrix, tie_points: TiePoints) -> list[str]:
+    """A sentence where an epipole lies in its image; else none."""
     size = tie_points.width, tie_points.height
     for eye, epipole in zip(("left", "right"), epipoles(fundamental), strict=True):
         if epipole_inside(epipole, *size):
@@ -87,11 +90,18 @@ def _forward(fundamental: Matrix, tie_points: TiePoints) -> list[str]:
     return []
 
 
+def _rolled(eye: str, view: View) -> list[str]:
+    roll = float(np.degrees(np.arctan2(view.r[1, 0], view.r[0, 0])))
+    if abs(roll) <= _ROLL_LIMIT_DEG:
+        return []
+    return [f"the {eye} image would be turned by {roll:.0f} deg: is the baseline along the other axis (rig_axis)?"]
+
+
 def refusals(
     views: tuple[View, View],
     fundamental: Matrix,
-    row_error: tuple[float, float],
     tie_points: TiePoints,
+    row_error: tuple[float, float],
     params: RectifyParams,
 ) -> list[str]:
     """Reasons not to use a rectification, with the numbers; none if it is sound.
@@ -101,24 +111,24 @@ def refusals(
     views : (View, View)
         Left and right.
     fundamental : (3, 3) float64
-        Of the fit, in raw px.
+        Of the fit, px.
+    tie_points : TiePoints
     row_error : (float, float)
         Median and 95th percentile, px.
-    tie_points : TiePoints
     params : RectifyParams
         The limits.
     """
     median, p95 = row_error
-    reasons = _forward(fundamental, tie_points)
+    reasons = forward_motion(fundamental, tie_points)
     if not p95 <= params.row_error_limit_px:
-        reasons = reasons or _forward(fit_fundamental(tie_points.left, tie_points.right), tie_points)
+        reasons = reasons or forward_motion(fit_fundamental(tie_points.left, tie_points.right), tie_points)
         reasons.append(
             f"rows disagree: expected a 95th percentile of the row error up to {params.row_error_limit_px:g} px, got "
             f"{p95:.2f} px (median {median:.2f} px, {len(tie_points)} tie points)"
         )
     for eye, view in zip(("left", "right"), views, strict=True):
         shape = homography_distortion(view.homography, tie_points.width, tie_points.height)
-        reasons += _torn_or_bent(eye, shape, params)
+        reasons += _torn_or_bent(eye, shape, params) + _rolled(eye, view)
     return reasons
 
 

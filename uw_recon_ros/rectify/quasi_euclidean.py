@@ -12,7 +12,7 @@ A. Fusiello, L. Irsara, Quasi-Euclidean epipolar rectification of uncalibrated i
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ _U1_CROSS = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # eq
 _LOG3 = np.log(3.0)
 _FOCAL_STARTS = np.linspace(-1.0, 1.0, 9)
 _RANDOM_RESTARTS = 6
+_COARSE_MATCHES = 300
 # Levenberg-Marquardt's first step from zero is 100 times this: larger ones leave for focal lengths of no return.
 _STEP_SCALE = 1e-3
 
@@ -177,6 +178,12 @@ def _best(problem: _Problem, starts: list[Matrix]) -> _Solution | None:
     return min(inside, key=lambda s: s.cost) if inside else None
 
 
+def _coarse(problem: _Problem) -> _Problem:
+    """The same problem with some of the matches, enough to tell good starts from bad ones."""
+    step = -(-len(problem.left) // _COARSE_MATCHES)
+    return replace(problem, left=problem.left[::step], right=problem.right[::step])
+
+
 def _random_starts(seed: int) -> list[Matrix]:
     rng = np.random.default_rng(seed)
     return [np.append(rng.normal(0.0, _PRIOR_ANGLE, 5), rng.uniform(-1.0, 1.0)) for _ in range(_RANDOM_RESTARTS)]
@@ -186,7 +193,8 @@ def _search(free_focal: _Problem, fixed_focal: _Problem, seed: int) -> tuple[_Pr
     """From zero with nine focal lengths; then at random; then with alpha' = 0 fixed (paper 2.2)."""
     grid = [np.array([0.0, 0.0, 0.0, 0.0, 0.0, alpha]) for alpha in _FOCAL_STARTS]
     for starts in (grid, _random_starts(seed)):
-        solution = _best(free_focal, starts)
+        coarse = _best(_coarse(free_focal), starts)
+        solution = _best(free_focal, [coarse.unknowns]) if coarse else None
         if solution is not None:
             return free_focal, solution
     return fixed_focal, fixed_focal.solve(np.zeros(6))

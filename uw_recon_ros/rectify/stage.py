@@ -10,6 +10,8 @@ from uw_recon_ros.rectify.rectification import Rectification
 from uw_recon_ros.rectify.warp import warp_image
 from uw_recon_ros.types import ByteImage, EnhancedPair, FloatImage, RectifiedPair
 
+__all__ = ["Rectify", "RectifyParams"]
+
 
 @dataclass(frozen=True)
 class Rectify:

@@ -8,9 +8,10 @@ import numpy as np
 
 from uw_recon_ros.errors import EstimationError
 from uw_recon_ros.rectify.candidate import Candidate, came_rectified, choose_axis
+from uw_recon_ros.rectify.fundamental import fit_fundamental
 from uw_recon_ros.rectify.infinity import baseline_side, infinity_shift
 from uw_recon_ros.rectify.params import RectifyParams
-from uw_recon_ros.rectify.quality import flatness_warnings, refusals
+from uw_recon_ros.rectify.quality import flatness_warnings, forward_motion, refusals
 from uw_recon_ros.rectify.rectification import Rectification, row_statistics
 from uw_recon_ros.rectify.tie_points import TiePoints, thinned
 from uw_recon_ros.rectify.views import View
@@ -54,25 +55,43 @@ def _as_given(candidate: Candidate, params: RectifyParams) -> Rectification:
     )
 
 
-def _views(candidate: Candidate) -> tuple[View, View]:
-    """Rotated views (eq. 14), ``K_new = K_old`` moved so that the images' centres stay near the middle, on one row."""
+def _refused(reasons: list[str]) -> EstimationError:
+    return EstimationError("rectification refused: " + "; ".join(reasons))
+
+
+def _views(candidate: Candidate) -> tuple[View, View] | None:
+    """Rotated views (eq. 14), ``K_new = K_old`` moved so that the images' centres stay near the middle, on one row.
+
+    None where a centre would be behind its rectified camera.
+    """
     points, fit = candidate.everything, candidate.fit
     k = _intrinsics(points, fit.focal_px)
     views = [View(k, rotation, k) for rotation in (fit.rotation_left, fit.rotation_right)]
     moves = np.array([warped_centre(view, points.width, points.height) for view in views]) - k[:2, 2]
     moves[:, 1] = moves[:, 1].mean()
     if not np.isfinite(moves).all():
-        raise EstimationError("rectification refused: the rectified cameras would have to look backwards")
+        return None
     left, right = (view.moved(*move) for view, move in zip(views, moves, strict=True))
     return left, right
 
 
-def _refuse_unsound(candidate: Candidate, views: tuple[View, View], params: RectifyParams) -> None:
-    left, right = views[0].rectified(candidate.held_out.left), views[1].rectified(candidate.held_out.right)
+def _sound_views(candidate: Candidate, params: RectifyParams) -> tuple[View, View]:
+    """The views, unless something speaks against them; said of the images as they were taken."""
+    level, fundamental, points = _views(candidate), candidate.fit.fundamental, candidate.everything
+    if level is None:
+        turned = forward_motion(fit_fundamental(points.left, points.right), points)
+        raise _refused(turned or ["the rectified cameras would look backwards"])
+    left, right = level[0].rectified(candidate.held_out.left), level[1].rectified(candidate.held_out.right)
     row_error = row_statistics(left[:, 1] - right[:, 1])
-    reasons = refusals(views, candidate.fit.fundamental, row_error, candidate.everything, params)
+    views = level
+    if candidate.axis == "vertical":
+        swap = np.eye(3)[[1, 0, 2]]
+        views, points = (level[0].transposed(), level[1].transposed()), points.transposed()
+        fundamental = swap @ fundamental @ swap
+    reasons = refusals(views, fundamental, points, row_error, params)
     if reasons:
-        raise EstimationError("rectification refused: " + "; ".join(reasons))
+        raise _refused(reasons)
+    return level
 
 
 def _warped(candidate: Candidate, views: tuple[View, View], params: RectifyParams) -> Rectification:
@@ -82,10 +101,7 @@ def _warped(candidate: Candidate, views: tuple[View, View], params: RectifyParam
     windows = inner_windows((canvases[0].shown, canvases[1].shown), same_columns=False)
     share = windows[0].width * windows[0].height / (size[0] * size[1])
     if share < params.rectify_min_area:
-        raise EstimationError(
-            f"rectification refused: expected at least {params.rectify_min_area:.0%} of the image to remain, "
-            f"got {share:.0%}"
-        )
+        raise _refused([f"expected at least {params.rectify_min_area:.0%} of the image to remain, got {share:.0%}"])
     kept = windows if params.rectify_crop else (Window(0, 0, *size),) * 2
     left, right = (view.moved(w.u, w.v) for view, w in zip(views, kept, strict=True))
     maps = [canvas.part(w) for canvas, w in zip(canvases, kept, strict=True)]
@@ -111,7 +127,7 @@ def _sided(rectification: Rectification, candidate: Candidate) -> tuple[Rectific
     """Settle the baseline's sign and the plane at infinity; see `infinity`."""
     points, geometry = candidate.everything, rectification.geometry
     parallax, raw = rectification.parallax(points), points.left[:, 0] - points.right[:, 0]
-    side = baseline_side(parallax, raw, candidate.axis)
+    side = baseline_side(parallax, raw, candidate.fit.infinity_sigma_px, candidate.axis)
     if side < 0 and candidate.axis == "horizontal":
         raise _exchanged(parallax, raw)
     baseline = None if geometry.baseline_m is None else side * geometry.baseline_m
@@ -189,8 +205,6 @@ def estimate_rectification(tie_points: TiePoints, params: RectifyParams) -> Rect
     if came_rectified(candidate, params):
         rectification = _as_given(candidate, params)
     else:
-        views = _views(candidate)
-        _refuse_unsound(candidate, views, params)
-        rectification = _warped(candidate, views, params)
+        rectification = _warped(candidate, _sound_views(candidate, params), params)
     rectification, warnings = _sided(rectification, candidate)
     return _upright(_judged(rectification, candidate, warnings, params), candidate.axis)

@@ -78,6 +78,18 @@ class View:
         rays = _project(self.r.T @ _inverse(self.k_new), rectified)
         return distorted(self, rays)
 
+    def raw_grid(self, width: int, height: int) -> Matrix:
+        """`raw` of every pixel of a rectified image of that size, (height, width, 2) px."""
+        matrix = self.r.T @ _inverse(self.k_new)
+        if not self.distorted:
+            matrix = self.k @ matrix
+        u, v = np.arange(width), np.arange(height)[:, None]
+        x, y, z = (row[0] * u + (row[1] * v + row[2]) for row in matrix)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            inverse = np.where(z > 0, 1 / z, np.nan)
+        grid = np.stack([x * inverse, y * inverse], axis=2)
+        return distorted(self, grid.reshape(-1, 2)).reshape(grid.shape) if self.distorted else grid
+
 
 def _inverse(matrix: Matrix) -> Matrix:
     return np.asarray(np.linalg.inv(matrix), np.float64)

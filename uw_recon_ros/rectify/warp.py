@@ -13,6 +13,7 @@ from uw_recon_ros.types import ByteImage, FloatImage, Mask, Matrix, Window
 
 _INTERPOLATION = {"linear": cv2.INTER_LINEAR, "cubic": cv2.INTER_CUBIC, "lanczos": cv2.INTER_LANCZOS4}
 Columns = NDArray[np.int64]
+_FAR_PX = -1e4  # where a map points that has nowhere to point
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,13 +40,12 @@ class Canvas:
 
 def make_canvas(view: View, width: int, height: int, raw_width: int, raw_height: int) -> Canvas:
     """Map every pixel of a rectified image of the given size."""
-    v, u = np.mgrid[0:height, 0:width].astype(np.float64)
-    raw = view.raw(np.column_stack([u.ravel(), v.ravel()])).reshape(height, width, 2)
-    limit = np.array([raw_width, raw_height]) - 0.5  # a pixel's square belongs to the image
-    with np.errstate(invalid="ignore"):
-        shown = np.asarray(np.logical_and(raw >= -0.5, raw <= limit).all(axis=2))
-    raw[~np.isfinite(raw)] = -1e4
-    return Canvas(view, raw.clip(-1e4, 1e5).astype(np.float32), shown)
+    raw = view.raw_grid(width, height).astype(np.float32)
+    u, v = raw[..., 0], raw[..., 1]
+    with np.errstate(invalid="ignore"):  # a pixel's square belongs to the image: half a pixel beyond its centre
+        shown = (u >= -0.5) & (u <= raw_width - 0.5) & (v >= -0.5) & (v <= raw_height - 0.5)
+    np.nan_to_num(raw, copy=False, nan=_FAR_PX)
+    return Canvas(view, raw.clip(_FAR_PX, -_FAR_PX), shown)
 
 
 def _longest_run(row: Mask) -> tuple[int, int]:
