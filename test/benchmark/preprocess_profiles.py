@@ -1,6 +1,6 @@
 """Which profile should the matcher see? Disparity error over the kinds of water, for a matcher from outside or ours.
 
-Usage: python test/benchmark/preprocess_profiles.py [--matcher sgbm|census|balanced|quality|...]
+Usage: python test/benchmark/preprocess_profiles.py [--matcher sgbm|census|kz2|navigation|balanced|quality]
 
 Each cell: bad-1 in percent over all non-occluded pixels, holes filled | over the pixels with a disparity @ density;
 means over the four pairs. The default of `profile` is the row with the lowest error over the waters.
@@ -74,12 +74,13 @@ def _census(image: Gray) -> NDArray[np.bool_]:
     return np.stack([padded[v : v + height, u : u + width] < image for v in range(7) for u in range(7)], axis=-1)
 
 
-def ours(effort: str) -> Matcher:
-    """The project's own matcher at one effort."""
+def ours(name: str) -> Matcher:
+    """The project's own matcher: kz2, or the default one at an effort."""
     from uw_recon_ros.match.stage import Match, MatchParams
 
     def match(left: Gray, right: Gray, labels: int) -> NDArray[np.float32]:
-        stage = Match(MatchParams.from_mapping({"effort": effort, "min_disparity": 0, "max_disparity": labels - 1}))
+        choice = {"method": "kz2"} if name == "kz2" else {"effort": name}
+        stage = Match(MatchParams(min_disparity=0, max_disparity=labels - 1, **choice))
         colors = [np.repeat(eye[..., None], 3, axis=2) for eye in (left, right)]
         geometry = StereoGeometry(1000.0, 0.0, 0.0, 0.0)
         return stage(RectifiedPair(*colors, left, right, geometry, RectificationQuality("given"))).disparity
@@ -90,7 +91,7 @@ def ours(effort: str) -> Matcher:
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--matcher", default="sgbm", help="sgbm, census, or an effort of ours")
+    parser.add_argument("--matcher", default="sgbm", help="sgbm, census, kz2, or an effort of ours")
     name = parser.parse_args().matcher
     matcher = {"sgbm": sgbm, "census": census}.get(name) or ours(name)
     truths = list(pairs())

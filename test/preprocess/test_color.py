@@ -61,6 +61,7 @@ def test_chroma_that_stays_stays() -> None:
 def test_black_pixels_stay_finite_when_brightened() -> None:
     replaced = replace_luminance(np.zeros((4, 4, 3)), np.ones((4, 4)))
     np.testing.assert_array_equal(rgb_from_ycbcr(replaced), np.ones((4, 4, 3)))
+    np.testing.assert_array_equal(replace_luminance(np.zeros((4, 4, 3)), np.zeros((4, 4))), np.zeros((4, 4, 3)))
 
 
 @settings(derandomize=True, max_examples=25, deadline=None)

@@ -31,6 +31,7 @@ def test_extension_is_the_mirror_image(height: int, width: int) -> None:
     image = np.random.default_rng(7).random((height, width))
     side = extension_side(height, width)
     rows, columns = extension_window(height, width)
+    assert (rows.start, columns.start) == ((side - height) // 2, (side - width) // 2)
     padding = (rows.start, side - rows.stop), (columns.start, side - columns.stop)
     np.testing.assert_array_equal(extend_symmetric(image), np.pad(image, padding, mode="symmetric"))
 

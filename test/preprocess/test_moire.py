@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pictures import colored_leaves, leaves, need_data, psnr, real_images, wave
+from pictures import colored_leaves, leaves, need_data, psnr, real_images, to_bytes, wave
 
 from uw_recon_ros.preprocess.color import luminance
 from uw_recon_ros.preprocess.moire import find_moire, remove_moire, remove_waves
@@ -17,6 +17,12 @@ FREQUENCIES = [(0.137, 0.2213), (0.0, 0.31), (-0.21, 0.11), (0.3, 0.5), (0.5, 0.
 def test_clean_picture_comes_back_itself(seed: int) -> None:
     image = colored_leaves(200, 270, seed)
     assert remove_moire(image) is image
+
+
+@pytest.mark.parametrize("quality", [3, 10, 50])
+def test_blocks_of_a_jpeg_are_no_moire(quality: int) -> None:
+    code = cv2.imencode(".jpg", to_bytes(leaves(240, 320)), [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+    assert len(find_moire(cv2.imdecode(code, cv2.IMREAD_GRAYSCALE).astype(np.float32) / 255)) == 0
 
 
 def test_photographs_come_back_themselves() -> None:
@@ -103,6 +109,22 @@ def test_grating_on_a_part_of_the_picture_is_no_moire() -> None:
     image = leaves(240, 320)
     image[60:150, 100:220] = 0.5 + wave(90, 120, (0.1, 0.17), 0.3)
     assert len(find_moire(image)) == 0
+
+
+def test_wave_over_a_striped_object_is_found() -> None:
+    image = leaves(240, 320)
+    image[60:120, 60:140] = 0.3 + 0.4 * REGULAR["stripes"][60:120, 60:140]
+    assert len(find_moire(image)) == 0
+    found = find_moire(image + wave(240, 320, (0.23, 0.17), 0.1))
+    assert found == pytest.approx(np.array([[0.23, 0.17]]), abs=1e-3)
+
+
+@pytest.mark.parametrize("quality", [95, 80, 50])
+def test_wave_under_jpeg_is_found(quality: int) -> None:
+    blocky = to_bytes(leaves(240, 320) + wave(240, 320, (0.23, 0.17), 0.05))
+    code = cv2.imencode(".jpg", blocky, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+    blocky = cv2.imdecode(code, cv2.IMREAD_GRAYSCALE).astype(np.float32) / 255
+    assert find_moire(blocky) == pytest.approx(np.array([[0.23, 0.17]]), abs=1e-3)
 
 
 def test_slow_waves_are_the_pictures_own() -> None:

@@ -111,6 +111,10 @@ def test_none_is_the_raw_gray_image() -> None:
     out = Preprocess(PreprocessParams(profile="none"))(pair)
     expected = np.round(pair.left @ [0.299, 0.587, 0.114])
     assert np.abs(out.left_matching - expected).max() <= 1
+    assert np.mean(out.left_matching - pair.left @ [0.299, 0.587, 0.114]) == pytest.approx(0, abs=0.1)
+    striped = to_bytes(leaves(240, 320) + wave(240, 320, (0.13, 0.21), 12 / 255))
+    out = Preprocess(PreprocessParams(profile="none"))(StereoPair(striped, striped))
+    np.testing.assert_array_equal(out.left_matching, striped)
 
 
 def test_matching_lowers_noise_and_keeps_contrast() -> None:

@@ -63,7 +63,7 @@ def extend_symmetric(image: Image) -> Image:
     return extended.reshape(side, side, *array.shape[2:])  # type: ignore[return-value]
 
 
-def crop_extension(extended: Image, height: int, width: int, *, margin: int = 0) -> Image:
+def crop_extension(extended: Image, height: int, width: int) -> Image:
     """Cut the image out of its extension again (paper, step 8).
 
     Parameters
@@ -72,25 +72,18 @@ def crop_extension(extended: Image, height: int, width: int, *, margin: int = 0)
         What `extend_symmetric` returned, filtered or not.
     height, width : int
         The image's size before the extension, px.
-    margin : int
-        Mirrored pixels to keep on each side, as far as there are any.
 
     Returns
     -------
-    array
-        A view on `extended`; without margin exactly what was extended.
+    (height, width) or (height, width, C)
+        A view on `extended`: exactly what was extended, where nothing was filtered.
 
     Raises
     ------
     ValueError
-        `extended` is not the extension of an image of that size, or the margin is negative.
+        `extended` is not the extension of an image of that size.
     """
     side = extension_side(height, width)
     if extended.shape[:2] != (side, side):
         raise ValueError(f"extended: expected {side} x {side} px for {height} x {width}, got shape {extended.shape}")
-    if margin < 0:
-        raise ValueError(f"margin: expected >= 0 px, got {margin}")
-    rows, columns = (
-        slice(max(part.start - margin, 0), min(part.stop + margin, side)) for part in extension_window(height, width)
-    )
-    return extended[rows, columns]  # type: ignore[return-value]
+    return extended[extension_window(height, width)]  # type: ignore[return-value]

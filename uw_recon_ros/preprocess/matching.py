@@ -3,7 +3,7 @@
 The water takes one colour more than the others, noise remains in all: so the channels are weighed by what they tell.
 Then the wavelets of step 5, whose traces depend on where a pixel lies, are averaged over two positions, since the same
 point lies elsewhere in the other eye. Raising the contrast, as steps 4 and 7 do, raised the disparity error in every
-kind of water (``test/benchmark/preprocess_profiles.py``).
+kind of water, for a semi-global matcher (``test/benchmark/preprocess_profiles.py``).
 """
 
 from __future__ import annotations
@@ -58,7 +58,8 @@ def channel_weights(images: Sequence[FloatArray]) -> NDArray[np.float64]:
 def _texture_over_variance(planes: Sequence[FloatArray]) -> float:
     noise = max(_noise_sigma(planes), _GRAY_LEVEL)
     step = max(1, planes[0].size // _SAMPLES)
-    lagged = [np.square(plane[::step, _TEXTURE_LAG:] - plane[::step, :-_TEXTURE_LAG]).ravel() for plane in planes]
+    either_way = [view for plane in planes for view in (plane[::step], plane.T[::step])]
+    lagged = [np.square(view[:, _TEXTURE_LAG:] - view[:, :-_TEXTURE_LAG]).ravel() for view in either_way]
     texture = 0.5 * float(np.concatenate([[2 * noise**2], *lagged]).mean()) - noise**2
     return float(np.sqrt(max(texture, 0.0))) / noise**2
 

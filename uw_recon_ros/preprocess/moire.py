@@ -58,7 +58,7 @@ def find_moire(
     if min(image.shape) < _SMALLEST:
         return np.zeros((0, 2))
     spectrum = Spectrum(level_db(image), image.shape)
-    peaks = [peak for peak in spectrum.candidates(prominence_db, min_frequency) if spectrum.stands_alone(*peak)]
+    peaks = spectrum.peaks(prominence_db, min_frequency)
     if any(spectrum.has_harmonics(*peak) for peak in peaks):
         return np.zeros((0, 2))
     waves = [wave for wave in (spectrum.refined(*peak) for peak in peaks) if _runs_through(image, np.array(wave))]

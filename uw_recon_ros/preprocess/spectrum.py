@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
-
 import cv2
 import numpy as np
 import scipy.fft
@@ -12,12 +10,13 @@ from numpy.typing import NDArray
 from uw_recon_ros.preprocess.arrays import FloatArray
 
 Mask = NDArray[np.bool_]
-Index = TypeVar("Index", int, NDArray[np.intp])
 
 _REACH = 12  # bins around a peak that are its surroundings
 _CORE = 4  # bins around a peak that belong to it: the main lobe of the Hann window and a slow change of amplitude
 _ALONE_DB = 12.0  # above the strongest of its surroundings: a peak, no line and no cluster
+_BYPRODUCT_DB = 18.0  # below the strongest peak: what JPEG made of it
 _HARMONIC_DB = 15.0  # above the median around it: a harmonic is there
+_FAINT_DB = 36.0  # below its wave a harmonic means nothing: JPEG makes such ones
 
 
 def level_db(image: FloatArray) -> NDArray[np.float32]:
@@ -61,6 +60,11 @@ class Spectrum:
         self.padded = level[np.ix_(rows, columns)]
         self.padded[:, mirrored] = level[np.ix_(-rows % self.height, columns[mirrored])]
 
+    def peaks(self, prominence_db: float, min_frequency: float) -> list[tuple[int, int]]:
+        """Bins (v, u) of single waves, strongest first; those far weaker than the first are its by-products."""
+        alone = [peak for peak in self.candidates(prominence_db, min_frequency) if self.stands_alone(*peak)]
+        return [peak for peak in alone if self.level[peak] > self.level[alone[0]] - _BYPRODUCT_DB]
+
     def candidates(self, prominence_db: float, min_frequency: float) -> list[tuple[int, int]]:
         """Bins that rise out of the level around them, strongest first."""
         size, core = 2 * _REACH + 1, 2 * _CORE + 1
@@ -70,16 +74,9 @@ class Spectrum:
         v, u = np.nonzero(high)
         fast = np.hypot(scipy.fft.fftfreq(self.height)[v], u / self.width) >= min_frequency
         once = (u > 0) & (2 * u < self.width) | (v <= self.height // 2)  # those columns hold each wave twice
-        chosen = fast & once & ~self._of_jpeg_blocks(v, u)
-        v, u = v[chosen], u[chosen]
+        v, u = v[fast & once], u[fast & once]
         order = np.argsort(-self.level[v, u], kind="stable")
         return [(int(v[i]), int(u[i])) for i in order]
-
-    def _of_jpeg_blocks(self, v: NDArray[np.intp], u: NDArray[np.intp]) -> Mask:
-        """Whether bins are the edges of 8 x 8 blocks: multiples of 1/8 cycle / px along one axis."""
-        off_v = np.abs(_wrapped(8 * v, self.height)) <= 8
-        off_u = np.abs(_wrapped(8 * u, self.width)) <= 8
-        return off_v & off_u & ((np.abs(_wrapped(v, self.height)) <= 1) | (u <= 1))
 
     def surroundings(self, v: int, u: int) -> NDArray[np.float32]:
         """Levels around a bin, without those that belong to its wave."""
@@ -105,7 +102,8 @@ class Spectrum:
             return False
         near = slice(_REACH - times, _REACH + times + 1)
         found = self.padded[v : v + 2 * _REACH + 1, u : u + 2 * _REACH + 1][near, near].max()
-        return bool(found > np.median(self.surroundings(v, u)) + _HARMONIC_DB)
+        noise = np.median(self.surroundings(v, u))
+        return bool(found > max(noise + _HARMONIC_DB, self.level[peak_v, peak_u] - _FAINT_DB))
 
     def _near(self, v: int, u: int, other_v: int, other_u: int) -> bool:
         apart = abs(_wrapped(v - other_v, self.height)), abs(_wrapped(u - other_u, self.width))
@@ -119,7 +117,7 @@ class Spectrum:
         return (v + _vertex(along_v)) / self.height, (u + _vertex(along_u)) / self.width
 
 
-def _wrapped(index: Index, size: int) -> Index:
+def _wrapped(index: int, size: int) -> int:
     """`index` modulo `size`, in [-size / 2, size / 2)."""
     return (index + size // 2) % size - size // 2
 

@@ -1,4 +1,7 @@
-"""The preprocessing stage: from raw images to one to look at and one to match."""
+"""The preprocessing stage: from raw images to one to look at and one to match.
+
+Top-down as section 2.1. Step 3 comes before step 2 where that makes no difference to any pixel: only Y is extended.
+"""
 
 from __future__ import annotations
 
