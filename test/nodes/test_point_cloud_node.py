@@ -1,0 +1,293 @@
+"""The point cloud node, fed by an outsider with no more than a disparity, an image and two camera_infos."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from ros_bench import BANDS, BASELINE, FOCAL, FRAME, HEIGHT, WIDTH, Bench, banded_pair, color, infos, mono, texture
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from stereo_msgs.msg import DisparityImage
+from visualization_msgs.msg import Marker
+
+from uw_recon_ros.images import to_gray
+from uw_recon_ros.nodes.point_cloud_node import PointCloudNode
+from uw_recon_ros.reconstruct.stage import Reconstruct, ReconstructParams
+from uw_recon_ros.ros import messages
+from uw_recon_ros.ros.geometry import geometry_from_infos
+from uw_recon_ros.types import DisparityMap, Status
+
+SECOND = 1_000_000_000
+LEFT, _ = banded_pair()
+METRIC = {
+    "depth/image_rect": Image,
+    "depth/sigma": Image,
+    "depth/camera_info": CameraInfo,
+    "points2": PointCloud2,
+    "points2_filtered": PointCloud2,
+}
+
+
+def true_disparity() -> np.ndarray:
+    disparity = np.empty((HEIGHT, WIDTH), np.float32)
+    for top, bottom, value in BANDS:
+        disparity[top:bottom] = value
+    disparity[50:60, 70:90] = np.nan
+    return disparity
+
+
+class Matcher:
+    """An outsider's stereo matcher."""
+
+    def __init__(self, bench: Bench, *, image: str = "image_rect_color", companions: bool = False) -> None:
+        self.bench = bench
+        kinds = {
+            "disparity": DisparityImage,
+            f"rectified/left/{image}": Image,
+            "rectified/left/camera_info": CameraInfo,
+            "rectified/right/camera_info": CameraInfo,
+            **({"disparity/sigma": Image, "disparity/status": Image} if companions else {}),
+        }
+        self.image = f"rectified/left/{image}"
+        self.topics = {topic: bench.talk(kind, topic) for topic, kind in kinds.items()}
+
+    def connect(self) -> None:
+        self.bench.connected(*self.topics.values())
+
+    def send(self, stamp_ns: int, *, metric: bool = True, **spoiled: Any) -> None:
+        left, right = infos(stamp_ns, metric=metric)
+        disparity = messages.float_message(true_disparity(), messages.header(stamp_ns, FRAME))
+        everything = {
+            "disparity": DisparityImage(
+                header=disparity.header, image=disparity, min_disparity=0.0, max_disparity=32.0
+            ),
+            self.image: color(LEFT, stamp_ns) if self.image.endswith("color") else mono(to_gray(LEFT), stamp_ns),
+            "rectified/left/camera_info": left,
+            "rectified/right/camera_info": right,
+        }
+        for topic, message in everything.items():
+            self.topics[topic].publish(spoiled.get(topic.rsplit("/", 1)[-1], message))
+
+
+def xyz(message: PointCloud2) -> np.ndarray:
+    table = np.frombuffer(message.data, np.float32).reshape(message.height, message.width, 4)
+    return table[..., :3]
+
+
+def offline(metric: bool = True) -> tuple[Reconstruct, Any]:
+    disparity = true_disparity()
+    valid = np.isfinite(disparity)
+    stage = Reconstruct(ReconstructParams())
+    given = DisparityMap(
+        disparity, np.where(valid, np.float32(0.5), np.float32(np.nan)),
+        np.where(valid, 0, Status.OUT_OF_RANGE).astype(np.uint8), 0, 32, geometry_from_infos(*infos(0, metric=metric)),
+        stamp_ns=5 * SECOND, frame_id=FRAME,
+    )  # fmt: skip
+    return stage, stage.depth(given)
+
+
+def test_metric_outputs(bench: Bench) -> None:
+    bench.start(PointCloudNode)
+    heard = {topic: bench.listen(kind, topic) for topic, kind in METRIC.items()}
+    unscaled = bench.listen(PointCloud2, "points_unscaled")
+    matcher = Matcher(bench)
+    matcher.connect()
+    matcher.send(5 * SECOND)
+    bench.spin_until(lambda: all(heard.values()))
+    stage, depth = offline()
+    for messages_of_topic in heard.values():
+        assert messages.stamp_ns(messages_of_topic[0]) == 5 * SECOND
+        assert messages_of_topic[0].header.frame_id == FRAME
+    np.testing.assert_array_equal(messages.float_image_from_message(heard["depth/image_rect"][0]), depth.depth)
+    np.testing.assert_array_equal(messages.float_image_from_message(heard["depth/sigma"][0]), depth.sigma)
+    np.testing.assert_array_equal(xyz(heard["points2"][0]), stage.cloud(depth, LEFT).points)
+    np.testing.assert_array_equal(xyz(heard["points2_filtered"][0])[0], stage.filtered_cloud(depth, LEFT).points)
+    assert not heard["points2"][0].is_dense
+    assert heard["points2_filtered"][0].is_dense
+    info = heard["depth/camera_info"][0]
+    np.testing.assert_array_equal(info.k.reshape(3, 3), info.p.reshape(3, 4)[:, :3])
+    assert unscaled == []
+
+
+def test_depth_is_true(bench: Bench) -> None:
+    """Against the numbers, not the stage: Z = f B / d in the middle of each band."""
+    bench.start(PointCloudNode)
+    heard = bench.listen(PointCloud2, "points2")
+    matcher = Matcher(bench)
+    matcher.connect()
+    matcher.send(SECOND)
+    bench.spin_until(lambda: heard)
+    points = xyz(heard[0])
+    for top, bottom, disparity in BANDS:
+        v, u = (top + bottom) // 2, 30
+        z = FOCAL * BASELINE / disparity
+        expected = [(u - (WIDTH - 1) / 2) * z / FOCAL, (v - (HEIGHT - 1) / 2) * z / FOCAL, z]
+        np.testing.assert_allclose(points[v, u], expected, rtol=0.02)
+    assert np.isnan(points[55, 80]).all()
+    colors = np.frombuffer(heard[0].data, np.uint32).reshape(HEIGHT, WIDTH, 4)[20, 30, 3]
+    assert [int(colors) >> shift & 255 for shift in (16, 8, 0)] == LEFT[20, 30].tolist()
+
+
+@pytest.mark.parametrize(("adjusted", "shift"), [(False, 0.0), (True, 4.0)])
+def test_principal_points_that_differ(bench: Bench, adjusted: bool, shift: float) -> None:
+    """Z = f B / (d + cx_right - cx_left), or f T / d where the disparities are adjusted beforehand."""
+    bench.start(PointCloudNode, disparity_adjusted=adjusted)
+    heard = bench.listen(Image, "depth/image_rect")
+    matcher = Matcher(bench)
+    matcher.connect()
+    right = infos(SECOND)[1]
+    right.p[2] += 4.0
+    sent = messages.float_message(true_disparity() + np.float32(shift), messages.header(SECOND, FRAME))
+    matcher.topics["rectified/right/camera_info"].publish(right)
+    for name in ("disparity", "rectified/left/camera_info", matcher.image):
+        message = {
+            "disparity": DisparityImage(header=sent.header, image=sent),
+            "rectified/left/camera_info": infos(SECOND)[0],
+        }.get(name, color(LEFT, SECOND))
+        matcher.topics[name].publish(message)
+    bench.spin_until(lambda: heard)
+    depth = messages.float_image_from_message(heard[0])
+    for top, bottom, disparity in BANDS:
+        assert depth[(top + bottom) // 2, 30] == pytest.approx(FOCAL * BASELINE / (disparity + 4), rel=0.02)
+
+
+def test_without_scale_there_are_no_metres(bench: Bench, capfd: pytest.CaptureFixture[str]) -> None:
+    node = bench.start(PointCloudNode)
+    metric = {topic: bench.listen(kind, topic) for topic, kind in METRIC.items()}
+    unscaled, surface = bench.listen(PointCloud2, "points_unscaled"), bench.listen(Marker, "surface")
+    matcher = Matcher(bench)
+    matcher.connect()
+    matcher.send(SECOND, metric=False)
+    bench.spin_until(lambda: unscaled and surface)
+    assert not any(metric.values())
+    stage, depth = offline(metric=False)
+    np.testing.assert_array_equal(xyz(unscaled[0]), stage.cloud(depth, LEFT).points)
+    assert surface[0].ns == "surface_unscaled"
+    assert node.diagnostics.tick("x").level == DiagnosticStatus.WARN
+    assert "metric scale unknown" in capfd.readouterr().err
+
+
+def test_the_surface_is_kept_for_late_listeners(bench: Bench) -> None:
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+
+    bench.start(PointCloudNode)
+    first = bench.listen(Marker, "surface")
+    matcher = Matcher(bench)
+    matcher.connect()
+    matcher.send(SECOND)
+    bench.spin_until(lambda: first)
+    assert len(first[0].points) == len(first[0].colors) > 3
+    late: list[Marker] = []
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    bench.outsider.create_subscription(Marker, "surface", late.append, latched)
+    bench.spin_until(lambda: late)
+    assert late[0].points == first[0].points
+
+
+def test_a_mono_image_will_do_for_texture(bench: Bench) -> None:
+    bench.start(PointCloudNode)
+    heard = bench.listen(PointCloud2, "points2")
+    matcher = Matcher(bench, image="image_rect")
+    matcher.connect()
+    matcher.send(SECOND)
+    bench.spin_until(lambda: heard)
+    gray = to_gray(LEFT)[20, 30]
+    packed = np.frombuffer(heard[0].data, np.uint32).reshape(HEIGHT, WIDTH, 4)[20, 30, 3]
+    assert [int(packed) >> shift & 255 for shift in (16, 8, 0)] == [gray] * 3
+
+
+def test_sigma_and_status_are_waited_for_where_they_are_published(bench: Bench) -> None:
+    bench.start(PointCloudNode, max_relative_sigma=1.0)
+    heard = bench.listen(Image, "depth/sigma")
+    matcher = Matcher(bench, companions=True)
+    matcher.connect()
+    matcher.send(SECOND)
+    bench.spin_for(0.3)
+    assert heard == []
+    sigma = np.where(np.isfinite(true_disparity()), np.float32(0.125), np.float32(np.nan))
+    matcher.topics["disparity/sigma"].publish(messages.float_message(sigma, messages.header(SECOND, FRAME)))
+    matcher.topics["disparity/status"].publish(mono(np.zeros((HEIGHT, WIDTH), np.uint8), SECOND))
+    bench.spin_until(lambda: heard)
+    depth_sigma = messages.float_image_from_message(heard[0])
+    top, bottom, disparity = BANDS[1]
+    z = FOCAL * BASELINE / disparity
+    assert depth_sigma[(top + bottom) // 2, 30] == pytest.approx(z * z / (FOCAL * BASELINE) * 0.125, rel=0.02)
+
+
+def test_a_disparity_that_takes_its_time_finds_its_image(bench: Bench) -> None:
+    node = bench.start(PointCloudNode)
+    heard = bench.listen(PointCloud2, "points2")
+    matcher = Matcher(bench)
+    matcher.connect()
+    matcher.send(0)
+    bench.spin_until(lambda: heard)
+    for frame in range(1, 41):
+        for topic, message in {
+            matcher.image: color(LEFT, frame * SECOND),
+            "rectified/left/camera_info": infos(frame * SECOND)[0],
+            "rectified/right/camera_info": infos(frame * SECOND)[1],
+        }.items():
+            matcher.topics[topic].publish(message)
+        bench.spin_for(0.01)
+    late = messages.float_message(true_disparity(), messages.header(2 * SECOND, FRAME))
+    matcher.topics["disparity"].publish(DisparityImage(header=late.header, image=late))
+    bench.spin_until(lambda: len(heard) == 2)
+    assert messages.stamp_ns(heard[1]) == 2 * SECOND
+    assert "ImageError" not in node.diagnostics.drops
+
+
+def disparity_of(image: Image) -> DisparityImage:
+    return DisparityImage(header=image.header, image=image)
+
+
+def zero_p(eye: int) -> CameraInfo:
+    info = infos(SECOND)[eye]
+    info.p.fill(0.0)
+    return info
+
+
+HEAD = messages.header(SECOND, FRAME)
+SHORT = messages.float_message(true_disparity(), HEAD)
+SHORT.data = SHORT.data[:-4]
+BAD = {
+    "encoding": ("disparity", disparity_of(mono(np.zeros((HEIGHT, WIDTH), np.uint8), SECOND)), "expected 32FC1"),
+    "truncated": ("disparity", disparity_of(SHORT), "bytes, got"),
+    "empty": ("disparity", disparity_of(Image(header=HEAD, encoding="32FC1")), "size"),
+    "image size": ("image_rect_color", color(texture(10, 20), SECOND), "expected 160x120 px, got 20x10 px"),
+    "uncalibrated": ("camera_info", zero_p(0), "expected P with focal lengths > 0"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_messages_cost_the_frame_and_a_line(bench: Bench, name: str, capfd: pytest.CaptureFixture[str]) -> None:
+    which, message, words = BAD[name]
+    node = bench.start(PointCloudNode)
+    heard = bench.listen(PointCloud2, "points2")
+    matcher = Matcher(bench)
+    matcher.connect()
+    matcher.send(SECOND, **{which: message})
+    bench.spin_until(lambda: node.diagnostics.drops)
+    matcher.send(2 * SECOND)
+    bench.spin_until(lambda: heard)
+    assert sum(node.diagnostics.drops.values()) == 1
+    (line,) = [line for line in capfd.readouterr().err.splitlines() if "frame dropped" in line]
+    assert words in line
+
+
+def test_a_nan_baseline_never_becomes_metres(bench: Bench) -> None:
+    bench.start(PointCloudNode)
+    depth, unscaled = bench.listen(Image, "depth/image_rect"), bench.listen(PointCloud2, "points_unscaled")
+    matcher = Matcher(bench)
+    matcher.connect()
+    right = infos(SECOND)[1]
+    right.p[3] = math.nan
+    left = infos(SECOND)[0]
+    matcher.topics["rectified/left/camera_info"].publish(left)
+    matcher.topics["rectified/right/camera_info"].publish(right)
+    matcher.topics["disparity"].publish(disparity_of(messages.float_message(true_disparity(), HEAD)))
+    matcher.topics[matcher.image].publish(color(LEFT, SECOND))
+    bench.spin_until(lambda: unscaled)
+    assert depth == []
