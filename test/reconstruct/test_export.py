@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 from reconstruct_scenes import HORIZONTAL, depth_map, picture, plane_depth, sphere_depth
 
+from uw_recon_ros.errors import ReconError
 from uw_recon_ros.reconstruct.cloud import organised_cloud
 from uw_recon_ros.reconstruct.export import GLTF_FROM_OPTICAL, write_glb, write_ply
 from uw_recon_ros.reconstruct.surface import build_surface
@@ -99,7 +100,7 @@ def test_glb_texture_lands_where_the_vertex_colours_say(tmp_path, surface):
 
 
 def test_glb_needs_a_triangle(tmp_path, surface):
-    with pytest.raises(ValueError, match="surface: expected at least one triangle, got none"):
+    with pytest.raises(ReconError, match=r"x\.glb: expected a surface of at least one triangle, got none"):
         write_glb(tmp_path / "x.glb", replace(surface, faces=np.zeros((0, 3), np.int32)))
     assert list(tmp_path.iterdir()) == []
 
@@ -111,7 +112,7 @@ def test_a_failed_write_leaves_the_old_file_and_no_litter(tmp_path, surface, mon
     def full_disk(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(os, "replace", full_disk)
+    monkeypatch.setattr(Path, "replace", full_disk)
     with pytest.raises(OSError, match="No space left"):
         write_ply(path, surface)
     assert path.read_text() == "old"

@@ -5,8 +5,6 @@ A file appears whole or not at all: it is written under a temporary name beside 
 
 from __future__ import annotations
 
-import os
-import secrets
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +13,8 @@ import trimesh
 from PIL import Image
 from trimesh.exchange.ply import export_ply
 
+from uw_recon_ros.errors import ReconError
+from uw_recon_ros.images import write_bytes
 from uw_recon_ros.types import ByteImage, PointCloud, Surface
 
 #: glTF's axes (y up, looking along -z) from an optical frame's (y down, looking along +z).
@@ -36,7 +36,7 @@ def write_ply(path: str | Path, shape: PointCloud | Surface) -> None:
     OSError
         The file cannot be written.
     """
-    _write(path, _surface_ply(shape) if isinstance(shape, Surface) else _cloud_ply(shape))
+    write_bytes(path, _surface_ply(shape) if isinstance(shape, Surface) else _cloud_ply(shape))
 
 
 def _cloud_ply(cloud: PointCloud) -> bytes:
@@ -70,13 +70,13 @@ def write_glb(path: str | Path, surface: Surface) -> None:
 
     Raises
     ------
-    ValueError
+    ReconError
         The surface has no triangles (glTF cannot say that).
     OSError
         The file cannot be written.
     """
     if len(surface.faces) == 0:
-        raise ValueError("surface: expected at least one triangle, got none")
+        raise ReconError(f"{path}: expected a surface of at least one triangle, got none: too little was matched")
     mesh = _mesh(surface)
     material = trimesh.visual.material.PBRMaterial(
         baseColorTexture=Image.fromarray(surface.texture), metallicFactor=0.0, roughnessFactor=1.0, doubleSided=True
@@ -86,7 +86,7 @@ def write_glb(path: str | Path, surface: Surface) -> None:
     scene.add_geometry(mesh, node_name="surface", geom_name="surface", transform=GLTF_FROM_OPTICAL)
     scene.metadata.update(unit="m" if surface.metric else "unknown", frame_id=surface.frame_id)
     glb: bytes = scene.export(file_type="glb", include_normals=True)
-    _write(path, glb)
+    write_bytes(path, glb)
 
 
 def _mesh(surface: Surface) -> Any:
@@ -95,14 +95,3 @@ def _mesh(surface: Surface) -> Any:
 
 def _opaque(colors: ByteImage) -> ByteImage:
     return np.concatenate([colors, np.full((len(colors), 1), 255, np.uint8)], axis=1)
-
-
-def _write(path: str | Path, content: bytes) -> None:
-    place = Path(path)
-    temporary = place.with_name(f".{place.name}.{secrets.token_hex(4)}")
-    try:
-        temporary.write_bytes(content)
-        os.replace(temporary, place)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise

@@ -1,0 +1,245 @@
+"""The page holds everything, loads nothing, lets no text become markup, and its 3-D view runs in a browser."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from report_results import HEIGHT, WIDTH, depth_map, pair_results, picture, surface
+
+from uw_recon_ros.report.embed import mesh_json, picture_uri, script_safe
+from uw_recon_ros.report.numbers import depth_errors, error_rows, measured, percent, time_rows
+from uw_recon_ros.report.page import Figure, Section, Summary, render_page, write_page
+from uw_recon_ros.report.pair import write_pair_page
+
+EVIL = "</script><script>alert('x')</script><img src=x onerror=\"alert(1)\">&'"
+VOID = {"meta", "img", "input", "br", "link"}
+
+
+class Reader(HTMLParser):
+    """Collects tags and checks that they are balanced."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.open: list[str] = []
+        self.texts: list[str] = []
+        self.scripts: list[str] = []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        (self.scripts if self.open and self.open[-1] == "script" else self.texts).append(data)
+
+
+def read(html):
+    reader = Reader()
+    reader.feed(html)
+    reader.close()
+    assert reader.open == []
+    return reader
+
+
+@pytest.fixture(scope="module")
+def html(tmp_path_factory):
+    path = tmp_path_factory.mktemp("page") / "index.html"
+    report = {"stages_seconds": {"preprocess": 0.1, "match": 1.25}}
+    write_pair_page(path, *pair_results(), report, truth=depth_map().depth + np.float32(0.01), title="A & B <i>")
+    return path.read_text(encoding="utf-8")
+
+
+def test_the_page_is_well_formed_and_holds_what_it_should(html):
+    reader = read(html)
+    names = [tag for tag, _ in reader.tags]
+    assert names.count("h1") == 1
+    assert names.count("figure") == 8
+    assert names.count("canvas") == 2
+    text = " ".join(reader.texts)
+    for words in ("0.21 px", "0.8 px", "321", "kz2", "1.350 s", "metric", "10 mm", "seen by the left eye only 8.3 %"):
+        assert words in text, words
+
+
+def test_nothing_is_loaded_from_anywhere(html):
+    assert re.findall(r"(?i)\b(?:https?|ftp|wss?|file):", html) == []
+    assert re.findall(r"(?i)@import|url\(|\bimport\s*\(|fetch\(|XMLHttpRequest|<link|<iframe|<base", html) == []
+    for _, attributes in read(html).tags:
+        for name in ("src", "href", "action", "srcset", "poster", "data"):
+            assert attributes.get(name, "data:image/").startswith("data:image/")
+
+
+def test_the_policy_allows_the_scripts_of_the_page_and_no_others(html):
+    policy = next(a["content"] for t, a in read(html).tags if t == "meta" and "http-equiv" in a)
+    assert policy.startswith("default-src 'none'; img-src data:;")
+    scripts = re.findall(r"<script>(.*?)</script>", html, re.S)
+    hashes = [base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts]
+    assert re.findall(r"'sha256-([^']+)'", policy) == hashes
+    assert "unsafe-inline" not in policy.split("script-src")[1]
+
+
+def test_no_text_becomes_markup():
+    figure = Figure(picture(), EVIL, EVIL, over=picture(), labels=(EVIL, EVIL), reasons=[((1, 2, 3), EVIL, 0.5)])
+    section = Section(EVIL, EVIL, [figure, replace(figure, over=None)], [(EVIL, EVIL)], (EVIL, EVIL), surface())
+    page = render_page(EVIL, Summary(EVIL, [(EVIL, EVIL)], [EVIL]), [section], replace(surface(), frame_id=EVIL))
+    reader = read(page)
+    assert "alert" not in " ".join(reader.scripts)
+    for tag, attributes in reader.tags:
+        assert not any(name.startswith("on") for name in attributes), (tag, attributes)
+    assert "".join(reader.texts).count("<script>alert('x')</script>") >= 10
+
+
+def test_json_cannot_end_its_script():
+    text = script_safe(json.dumps({"a": "</script><!--\u2028"}))
+    assert "<" not in text
+    assert json.loads(text)["a"] == "</script><!--\u2028"
+
+
+@pytest.mark.parametrize("side", [9, 300])
+def test_the_mesh_comes_back_from_its_json(side):
+    source = surface(side=side)
+    document = json.loads(mesh_json(source))
+    assert document["indexBits"] == (16 if side == 9 else 32)
+
+    def array(name, dtype, width):
+        return np.frombuffer(base64.b64decode(document[name]), dtype).reshape(-1, width)
+
+    extent = np.array(document["extent"])
+    vertices = document["low"] + array("positions", "<u2", 3) / 65535 * extent
+    np.testing.assert_allclose(vertices, source.vertices, atol=1e-5 * extent.max())
+    np.testing.assert_allclose(array("uv", "<u2", 2) / 65535, source.uv, atol=1e-5)
+    np.testing.assert_allclose(array("normals", "i1", 3) / 127, source.normals, atol=0.005)
+    assert np.array_equal(array("index", f"<u{document['indexBits'] // 8}", 3), source.faces)
+    assert document["metric"] is True
+
+
+@pytest.mark.parametrize("lossless", [True, False])
+def test_pictures_come_back_from_their_uri(lossless):
+    smooth = cv2.GaussianBlur(picture(), (0, 0), 6.0)
+    uri = picture_uri(smooth, max_side=1000, lossless=lossless)
+    data = np.frombuffer(base64.b64decode(uri.split(",")[1]), np.uint8)
+    back = cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1].astype(int)
+    assert uri.startswith("data:image/png" if lossless else "data:image/jpeg")
+    assert np.abs(back - smooth).mean() <= (0 if lossless else 2)
+
+
+def test_large_pictures_are_shrunk_and_colour_maps_keep_their_colours():
+    stripes = np.zeros((10, 2000, 3), np.uint8)
+    stripes[:, ::2] = 255
+    uri = picture_uri(stripes, max_side=500, lossless=True)
+    back = cv2.imdecode(np.frombuffer(base64.b64decode(uri.split(",")[1]), np.uint8), cv2.IMREAD_COLOR)
+    assert back.shape[1] == 500
+    assert set(np.unique(back)) <= {0, 255}
+    with pytest.raises(ValueError, match=r"image: expected \(H, W, 3\) uint8, got \(3, 3\)"):
+        picture_uri(np.zeros((3, 3), np.uint8), max_side=9)
+
+
+def test_a_large_survey_pair_stays_under_ten_megabytes():
+    rng = np.random.default_rng(0)
+    rough = cv2.GaussianBlur(rng.integers(0, 256, (1080, 1920, 3), dtype=np.uint8), (0, 0), 1.0)
+    figures = [Figure(rough, "x", over=rough)] * 2 + [Figure(rough, "x", wide=True)]
+    big = replace(surface(side=141), texture=rough)
+    assert len(render_page("x", Summary(), [Section("x", "", figures)], big)) < 10_000_000
+
+
+def test_an_empty_surface_shows_no_view(html):
+    empty = replace(surface(), faces=np.zeros((0, 3), np.int32))
+    page = render_page("x", Summary(), [Section("x", surface=empty)], empty)
+    assert "<canvas" not in page
+    assert "WebGL" not in page
+    assert "WebGL" in html
+
+
+def test_unknown_scale_is_said_on_the_page(tmp_path):
+    write_pair_page(tmp_path / "i.html", *pair_results(metric=False))
+    text = " ".join(read((tmp_path / "i.html").read_text(encoding="utf-8")).texts)
+    assert "The scale is not known" in text
+    assert "[m]" not in text
+    assert "baselines" in text
+    assert "a flat scene <b>does</b> not fix F" in text
+
+
+def test_a_vertical_rig_is_shown_one_above_the_other(tmp_path):
+    write_pair_page(tmp_path / "i.html", *pair_results(axis="vertical"))
+    assert "share their columns" in (tmp_path / "i.html").read_text(encoding="utf-8")
+
+
+def test_a_failed_write_leaves_the_old_page(tmp_path, monkeypatch):
+    (tmp_path / "i.html").write_text("old")
+    monkeypatch.setattr(Path, "replace", lambda *_: (_ for _ in ()).throw(OSError("full")))
+    with pytest.raises(OSError, match="full"):
+        write_page(tmp_path / "i.html", "x", Summary(), [])
+    assert [p.name for p in tmp_path.iterdir()] == ["i.html"]
+    assert (tmp_path / "i.html").read_text() == "old"
+
+
+def test_depth_errors_are_counted_where_both_are_known():
+    depth = depth_map()
+    truth = depth.depth * np.float32(1.03)
+    truth[20] = np.inf
+    errors = depth_errors(depth, truth)
+    assert errors.median_relative == pytest.approx(0.03 / 1.03, rel=1e-3)
+    assert errors.bias < 0
+    assert (errors.within_2_percent, errors.within_5_percent) == (0.0, 1.0)
+    assert errors.density == pytest.approx(1.0)  # the truth is NaN where the estimate is
+    nothing = depth_errors(depth, np.full_like(truth, np.nan))
+    assert nothing.density == 0
+    assert error_rows(nothing, "m")[0] == ("Depth error, median", "unknown")
+    with pytest.raises(ValueError, match="truth: expected"):
+        depth_errors(depth, truth[:3])
+
+
+def test_numbers_are_written_with_their_unit():
+    assert measured(0.00361, "m") == "3.61 mm"
+    assert measured(-0.25, "m") == "-0.25 m"
+    assert measured(0.00361, "baselines") == "0.00361 baselines"
+    assert measured(float("nan"), "px") == "unknown"
+    assert percent(0.1234) == "12.3 %"
+    assert time_rows({"a": 1.0, "b": 0.25})[-1] == ("Time, together", "1.250 s")
+    assert time_rows({}) == []
+
+
+def run_in_browser(page: Path, folder: Path, *flags: str) -> str:
+    browser = shutil.which("chromium") or shutil.which("google-chrome") or shutil.which("chrome")
+    if browser is None:
+        pytest.skip("no Chromium on this machine: the page cannot be run")
+    command = [
+        browser, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--use-gl=angle",
+        "--disable-background-networking", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+        f"--user-data-dir={folder / 'profile'}", "--virtual-time-budget=5000", "--window-size=1000,900",
+        "--hide-scrollbars", *flags, f"file://{page}",
+    ]  # fmt: skip
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False).stdout
+
+
+def test_the_view_runs_in_a_browser(tmp_path, html):
+    page = tmp_path / "index.html"
+    page.write_text(html, encoding="utf-8")
+    dom = run_in_browser(page, tmp_path, "--dump-dom")
+    assert 'data-ready="yes"' in dom  # set when the texture is on the surface
+    assert 'class="viewer failed"' not in dom
+    assert "The 3-D view cannot be shown" not in re.sub(r"<script.*?</script>", "", dom, flags=re.S)
+
+
+def test_the_surface_is_seen_in_the_view(tmp_path):
+    red = replace(surface(), texture=np.full((HEIGHT, WIDTH, 3), (230, 20, 30), np.uint8))
+    page = tmp_path / "index.html"
+    write_page(page, "x", Summary(), [], red)
+    run_in_browser(page, tmp_path, f"--screenshot={tmp_path / 'shot.png'}")
+    shot = cv2.imread(str(tmp_path / "shot.png"))[..., ::-1].astype(int)
+    seen = (shot[..., 0] > 200) & (shot[..., 1] < 60) & (shot[..., 2] < 70)
+    assert seen.mean() > 0.05

@@ -1,0 +1,80 @@
+"""Pictures and meshes as text inside a page."""
+
+from __future__ import annotations
+
+import base64
+import json
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_recon_ros.report.colors import color_table
+from uw_recon_ros.types import ByteImage, Surface
+
+_JPEG_QUALITY = 88
+_TEXTURE_SIDE = 2048  # px; more than most screens show, and every WebGL2 device takes it
+
+
+def picture_uri(image: ByteImage, *, max_side: int, lossless: bool = False) -> str:
+    """``data:`` URI of an RGB picture, shrunk to `max_side` px; PNG when `lossless`, else JPEG.
+
+    Raises
+    ------
+    ValueError
+        It is not an (H, W, 3) uint8 picture with pixels.
+    """
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or image.size == 0:
+        raise ValueError(f"image: expected (H, W, 3) uint8, got {image.shape} {image.dtype}")
+    kind, options = ("png", [cv2.IMWRITE_PNG_COMPRESSION, 9]) if lossless else ("jpeg", [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])  # fmt: skip # noqa: E501
+    shrunk = _shrink(image, max_side, lossless)
+    done, data = cv2.imencode(f".{kind}", np.ascontiguousarray(shrunk[..., ::-1]), options)
+    if not done:
+        raise ValueError(f"image: expected a picture that can be written as {kind}, got {image.shape}")
+    return f"data:image/{kind};base64,{base64.b64encode(data.tobytes()).decode()}"
+
+
+def _shrink(image: ByteImage, max_side: int, lossless: bool) -> ByteImage:
+    """Colour maps are sampled, not averaged: a mean of two colours means nothing."""
+    scale = max_side / max(image.shape[:2])
+    if scale >= 1:
+        return image
+    size = max(1, round(image.shape[1] * scale)), max(1, round(image.shape[0] * scale))
+    how = cv2.INTER_NEAREST if lossless else cv2.INTER_AREA
+    shrunk: ByteImage = np.asarray(cv2.resize(image, size, interpolation=how), np.uint8)
+    return shrunk
+
+
+def mesh_json(surface: Surface) -> str:
+    """A surface as JSON for ``viewer.js``, safe inside a ``<script>`` element.
+
+    Positions and texture coordinates are whole numbers of 16 bits over their range (an error under 1/100 000 of the
+    surface's extent), normals of 8 bits, all little-endian in base64.
+    """
+    low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
+    extent = np.maximum(high - low, 1e-9).astype(np.float64)
+    positions = np.rint((surface.vertices - low) / extent * 65535).astype("<u2")
+    index = "<u2" if len(surface.vertices) <= 65536 else "<u4"
+    document: dict[str, Any] = {
+        "low": low.tolist(),
+        "extent": extent.tolist(),
+        "metric": surface.metric,
+        "positions": _base64(positions),
+        "uv": _base64(np.rint(np.clip(surface.uv, 0, 1) * 65535).astype("<u2")),
+        "normals": _base64(np.rint(np.clip(surface.normals, -1, 1) * 127).astype("i1")),
+        "indexBits": 16 if index == "<u2" else 32,
+        "index": _base64(surface.faces.astype(index)),
+        "colors": _base64(color_table("plasma_r")),
+        "texture": picture_uri(surface.texture, max_side=_TEXTURE_SIDE),
+    }
+    return script_safe(json.dumps(document))
+
+
+def script_safe(text: str) -> str:
+    """JSON that cannot end the ``<script>`` element it stands in."""
+    return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
+
+
+def _base64(array: NDArray[Any]) -> str:
+    return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode()

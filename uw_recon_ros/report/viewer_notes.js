@@ -1,0 +1,75 @@
+"use strict";
+// What is written over the 3-D view: scale, axes, measured lengths.
+globalThis.uwNotes = (() => {
+  const { subtract, dot } = globalThis.uwMesh;
+  const AXES = [["x", "#d9463e", [1, 0, 0]], ["y", "#3a9d4a", [0, -1, 0]], ["z", "#3b78d8", [0, 0, -1]]];
+
+  const number = value => value.toLocaleString("en", { maximumSignificantDigits: 3, useGrouping: false });
+
+  // A length 1, 2 or 5 times a power of ten, not over `most`.
+  function roundLength(most) {
+    const power = 10 ** Math.floor(Math.log10(most));
+    return power * [5, 2, 1].find(step => step * power <= most);
+  }
+
+  class Notes {
+    constructor(canvas, unit) {
+      Object.assign(this, { canvas, unit, pen: canvas.getContext("2d") });
+    }
+
+    draw(camera, marks, ratio) {
+      const style = getComputedStyle(this.canvas), color = name => style.getPropertyValue(name).trim();
+      Object.assign(this, { ink: color("--ink"), paper: color("--view") });
+      this.pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+      this.pen.clearRect(0, 0, camera.width, camera.height);
+      this.pen.lineCap = "round";
+      this.scale(camera);
+      this.axes(camera.axes());
+      this.marks(marks.map(mark => camera.project(mark)), marks);
+    }
+
+    stroke(places, color, width) {
+      Object.assign(this.pen, { strokeStyle: color, lineWidth: width });
+      this.pen.beginPath();
+      places.forEach(([x, y], i) => (i ? this.pen.lineTo(x, y) : this.pen.moveTo(x, y)));
+      this.pen.stroke();
+    }
+
+    write(text, x, y, align, ink, paper, font = "12px system-ui, sans-serif") {
+      Object.assign(this.pen, { font, textAlign: align, lineWidth: 4, strokeStyle: paper, fillStyle: ink });
+      this.pen.strokeText(text, x, y);
+      this.pen.fillText(text, x, y);
+    }
+
+    scale(camera) {
+      const length = roundLength(camera.perPixel * Math.min(170, camera.width / 3)), pixels = length / camera.perPixel;
+      const right = camera.width - 18, y = camera.height - 18, left = right - pixels;
+      for (const [color, width] of [[this.paper, 5], [this.ink, 2]]) {
+        this.stroke([[left, y - 5], [left, y], [right, y], [right, y - 5]], color, width);
+      }
+      const unit = this.unit === "m" ? "m" : `${this.unit} (scale unknown)`;
+      this.write(`${number(length)} ${unit}`, right, y - 11, "right", this.ink, this.paper);
+    }
+
+    // Of the optical frame, turned as the surface is.
+    axes({ right, up }) {
+      for (const [name, color, arm] of AXES) {
+        const dx = 26 * dot(arm, right), dy = -26 * dot(arm, up);
+        this.stroke([[46, 50], [46 + dx, 50 + dy]], color, 2.5);
+        this.write(name, 46 + 1.4 * dx, 54 + 1.4 * dy, "center", color, this.paper);
+      }
+    }
+
+    marks(places, points) {
+      if (places.length === 2) this.stroke(places, "#ff8c1a", 2);
+      this.pen.fillStyle = "#ff8c1a";
+      for (const [x, y] of places) { this.pen.beginPath(); this.pen.arc(x, y, 4.5, 0, 7); this.pen.fill(); }
+      if (places.length < 2) return;
+      const x = (places[0][0] + places[1][0]) / 2, y = (places[0][1] + places[1][1]) / 2 - 10;
+      const length = Math.hypot(...subtract(points[0], points[1]));
+      this.write(`${number(length)} ${this.unit}`, x, y, "center", "#fff", "#7a3d00", "600 14px system-ui, sans-serif");
+    }
+  }
+
+  return Notes;
+})();
