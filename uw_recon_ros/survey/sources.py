@@ -51,7 +51,7 @@ def _sources_at(path: Path) -> list[Source]:
     if not path.exists():
         raise BagError(f"{path}: expected a bag or a folder, there is no such file or folder")
     own = _source(path)
-    if own:
+    if own and not _holds_bag_folders(path):
         return [own]
     inside = [_source(child) for child in sorted(path.iterdir(), key=natural_order)]
     found = [source for source in inside if source is not None]
@@ -60,6 +60,13 @@ def _sources_at(path: Path) -> list[Source]:
             f"{path}: expected a bag, a folder of bags, or a folder with the stills of both eyes in left/ and right/"
         )
     return found
+
+
+def _holds_bag_folders(path: Path) -> bool:
+    """Whether a folder is a collection: files of one bag have no folders of bags beside them."""
+    if path.is_file() or (path / "metadata.yaml").is_file():
+        return False
+    return any(child.is_dir() and _source(child) for child in path.iterdir())
 
 
 def _source(path: Path) -> Source | None:
