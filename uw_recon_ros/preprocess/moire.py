@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -113,57 +114,62 @@ def remove_waves(image: FloatArray, frequencies: Frequencies) -> FloatArray:
     checked = checked_float("image", image, shape="(H, W) or (H, W, 3)")
     if np.ndim(frequencies) != 2 or np.shape(frequencies)[1] != 2:
         raise ValueError(f"frequencies: expected shape (N, 2), got {np.shape(frequencies)}")
+    if len(frequencies) == 0:
+        return checked
+    planes = list(cv2.split(checked))
     for frequency in frequencies:
-        planes = np.atleast_3d(checked)
-        without = [planes[..., k] - _wave(planes[..., k], frequency) for k in range(planes.shape[2])]
-        checked = np.stack(without, axis=-1).reshape(checked.shape)
-    return checked
-
-
-def _wave(plane: FloatArray, frequency: NDArray[np.float64]) -> FloatArray:
-    """The part of an image that is a wave of slowly changing amplitude."""
-    modes_v, modes_u = _modes(plane.shape, frequency)
-    amplitude = _amplitude(plane, modes_v, modes_u).astype(_complex(plane.dtype))
-    back_v, back_u = (modes.conj().astype(_complex(plane.dtype)) for modes in (modes_v, modes_u))
-    wave: FloatArray = 2 * (back_v.T @ (amplitude @ back_u)).real
-    return wave
-
-
-def _amplitude(plane: FloatArray, modes_v: NDArray[Any], modes_u: NDArray[Any]) -> NDArray[np.complex128]:
-    """Complex amplitude of the wave in cosine modes, by least squares.
-
-    The projections c of the image on the modes hold the wave's own amplitude a and, where the negative frequency is
-    near, some of its conjugate: c = a + G conj(a).
-    """
-    rows_v = modes_v.astype(_complex(plane.dtype))
-    centred = plane - plane.mean()
-    projected = ((rows_v.real @ centred + 1j * (rows_v.imag @ centred)) @ modes_u.T).ravel()
-    mixing = np.kron(modes_v @ modes_v.T, modes_u @ modes_u.T)
-    identity = np.eye(projected.size)
-    system = np.block([[identity + mixing.real, mixing.imag], [mixing.imag, identity - mixing.real]])
-    solution = np.linalg.lstsq(system, np.concatenate([projected.real, projected.imag]), rcond=1e-6)[0]
-    real, imaginary = solution.reshape(2, len(modes_v), len(modes_u))
-    amplitude: NDArray[np.complex128] = real + 1j * imaginary
-    return amplitude
+        wave = _Wave(checked.shape[:2], frequency)
+        planes = [plane - wave.part_of(plane) for plane in planes]
+    without: FloatArray = cv2.merge(planes)
+    return without
 
 
 def _runs_through(image: FloatArray, frequency: NDArray[np.float64]) -> bool:
     """Whether a wave has much the same amplitude and phase all over the image."""
-    power = np.square(np.abs(_amplitude(image, *_modes(image.shape, frequency))))
+    power = np.square(np.abs(_Wave(image.shape, frequency).amplitude(image)))
     return bool(power[0, 0] > _EVEN_SHARE * power.sum())
 
 
-def _modes(shape: tuple[int, ...], frequency: NDArray[np.float64]) -> list[NDArray[np.complex128]]:
-    """Orthonormal slow cosines along each axis, times the wave's conjugate."""
-    modes = []
-    for size, part in zip(shape, frequency, strict=True):
-        x = np.arange(size) + 0.5
-        order = np.arange(min(_NOTCH_MODES, size))
-        norm = np.sqrt(np.where(order > 0, 2.0, 1.0) / size)
-        cosines = norm[:, None] * np.cos(np.pi / size * np.outer(order, x))
-        modes.append(cosines * np.exp(-2j * np.pi * part * x))
+class _Wave:
+    """A wave of one frequency whose complex amplitude is a sum of slow cosine modes."""
+
+    def __init__(self, shape: tuple[int, ...], frequency: NDArray[np.float64]) -> None:
+        self.modes_v, self.modes_u = (_modes(size, float(part)) for size, part in zip(shape, frequency, strict=True))
+        mixing = np.kron(self.modes_v @ self.modes_v.T, self.modes_u @ self.modes_u.T)
+        identity = np.eye(len(mixing))
+        system = np.block([[identity + mixing.real, mixing.imag], [mixing.imag, identity - mixing.real]])
+        self.solution = np.linalg.pinv(system, rcond=1e-6)
+
+    def amplitude(self, plane: FloatArray) -> NDArray[np.complex128]:
+        """Amplitude in modes along v and u, by least squares.
+
+        The projections c of the image on the modes hold the wave's own amplitude a and, where the negative frequency is
+        near, some of its conjugate: c = a + G conj(a).
+        """
+        real, imaginary = np.split(_stacked(self.modes_v, plane.dtype) @ (plane - plane.mean()), 2)
+        projected = ((real + 1j * imaginary) @ self.modes_u.T).ravel()
+        solved = self.solution @ np.concatenate([projected.real, projected.imag])
+        real, imaginary = solved.reshape(2, len(self.modes_v), len(self.modes_u))
+        amplitude: NDArray[np.complex128] = real + 1j * imaginary
+        return amplitude
+
+    def part_of(self, plane: FloatArray) -> FloatArray:
+        """The wave that is in an image."""
+        along_u = self.amplitude(plane) @ self.modes_u.conj()
+        # the real part of the product of two complex matrices, as one product of real ones
+        part: FloatArray = _stacked(2 * self.modes_v, plane.dtype).T @ _stacked(along_u, plane.dtype)
+        return part
+
+
+def _stacked(complex_rows: NDArray[np.complex128], dtype: np.dtype[Any]) -> FloatArray:
+    return np.concatenate([complex_rows.real, complex_rows.imag]).astype(dtype)
+
+
+def _modes(size: int, frequency: float) -> NDArray[np.complex128]:
+    """Orthonormal slow cosines, times the wave's conjugate: a row each."""
+    x = np.arange(size) + 0.5
+    order = np.arange(min(_NOTCH_MODES, size))
+    norm = np.sqrt(np.where(order > 0, 2.0, 1.0) / size)
+    cosines = norm[:, None] * np.cos(np.pi / size * np.outer(order, x))
+    modes: NDArray[np.complex128] = cosines * np.exp(-2j * np.pi * frequency * x)
     return modes
-
-
-def _complex(dtype: np.dtype[Any]) -> type[np.complexfloating[Any]]:
-    return np.complex64 if dtype == np.float32 else np.complex128
