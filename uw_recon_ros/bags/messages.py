@@ -12,9 +12,9 @@ from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from uw_recon_ros.bags.model import RawMessage
-from uw_recon_ros.errors import BagError
+from uw_recon_ros.errors import BagError, ImageError
 from uw_recon_ros.images import decode_compressed, decode_image
-from uw_recon_ros.types import CameraModel, RawImage
+from uw_recon_ros.types import CameraModel, FloatImage, RawImage
 
 IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
@@ -63,6 +63,32 @@ def image_from_message(message: Any) -> RawImage:
         message.data, height=message.height, width=message.width, encoding=message.encoding, step=message.step,
         is_bigendian=message.is_bigendian,
     )  # fmt: skip
+
+
+_DEPTHS: dict[str, tuple[np.dtype[Any], float]] = {
+    "32FC1": (np.dtype(np.float32), 1.0),
+    "16UC1": (np.dtype(np.uint16), 0.001),
+}
+
+
+def depth_from_message(message: Any) -> FloatImage:
+    """Depth in m of a decoded Image, 32FC1 (m) or 16UC1 (mm, 0 = invalid) as REP 118 has them: NaN = invalid.
+
+    Raises
+    ------
+    ImageError
+    """
+    if message.encoding not in _DEPTHS:
+        raise ImageError(f"depth: expected {' or '.join(_DEPTHS)}, got {str(message.encoding)[:40]!r}")
+    kind, unit_m = _DEPTHS[message.encoding]
+    row = int(message.width) * kind.itemsize
+    if message.step < row or len(message.data) != message.step * message.height:
+        told = f"{len(message.data)} bytes in steps of {message.step}"
+        raise ImageError(f"depth: expected {message.height} rows of at least {row} bytes, got {told}")
+    rows = np.ascontiguousarray(np.asarray(message.data).reshape(message.height, message.step)[:, :row])
+    values = rows.view(kind.newbyteorder(">" if message.is_bigendian else "<")).astype(np.float32)
+    depth: FloatImage = np.where(np.isfinite(values) & (values > 0), values * np.float32(unit_m), np.float32(np.nan))
+    return depth
 
 
 def _message_class(type_name: str) -> Any:

@@ -16,7 +16,7 @@ from uw_recon_ros.bags.merge import merge_by_time
 from uw_recon_ros.bags.model import RawMessage, TopicInfo, merge_topics
 from uw_recon_ros.bags.stereo import CameraInfoCache, StereoTopics, find_stereo_topics, make_pair, pair_messages
 from uw_recon_ros.errors import BagError, ReconError
-from uw_recon_ros.types import StereoCalibration, StereoPair
+from uw_recon_ros.types import FloatImage, StereoCalibration, StereoPair
 
 
 class BagReader:
@@ -129,6 +129,16 @@ class BagReader:
         wanted = [name for name in (topics.left, topics.right, topics.left_info, topics.right_info) if name]
         pairs = pair_messages(self.raw_messages(wanted), topics, tolerance_ns, self.note, infos)
         return self._decoded_pairs(pairs, infos, calibration)
+
+    def depth_images(self, topic: str = "/truth/depth") -> Iterator[tuple[int, FloatImage]]:
+        """Stamp (ns) and depth (m, NaN = invalid) of each image of a depth topic; unreadable ones go to `damage`."""
+        for _, decoded in self.messages([topic]):
+            try:
+                depth = messages.depth_from_message(decoded)
+            except ReconError as error:
+                self.note(f"{topic}: {error}")
+            else:
+                yield messages.stamp_ns(decoded), depth
 
     def _first_infos(self, topics: StereoTopics) -> tuple[CameraInfoCache, CameraInfoCache]:
         """What the first CameraInfo of either eye says: it is recorded after the image it belongs to, most often."""

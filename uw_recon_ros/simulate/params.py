@@ -1,0 +1,62 @@
+"""What can be chosen about a simulated dive."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from uw_recon_ros.params import Params, param
+
+SCENES = ("amphora", "pipe", "reef", "plane")
+WATERS = ("clear", "I", "IA", "IB", "II", "III", "1C", "3C", "5C", "7C", "9C")
+
+
+@dataclass(frozen=True)
+class SimulateParams(Params):
+    """A short dive over a seabed, seen by a stereo rig. The same parameters give the same bytes."""
+
+    seed: int = param(1, "Everything random follows from it.", low=0, high=2**31 - 1)
+    frames: int = param(6, "Stereo pairs to take.", low=1, high=100_000)
+    rate_hz: float = param(2.0, "Pairs a second.", unit="Hz", low=0.01, high=1000.0)
+    speed_m_s: float = param(0.08, "Speed of the rig along its track.", unit="m/s", low=0.0, high=5.0)
+
+    scene: str = param("amphora", "What lies on the seabed; plane is a flat one.", choices=SCENES)
+    texture: str = param("rich", "Contrast of all surfaces; weak is mud.", choices=("rich", "weak"))
+    distance_m: float = param(1.3, "From the rig to the middle of the scene.", unit="m", low=0.3, high=20.0)
+    pitch_deg: float = param(
+        42.0, "Angle at which the rig looks down; 90 is straight.", unit="deg", low=15.0, high=90.0
+    )
+
+    width: int = param(640, "Image width.", unit="px", low=16, high=8192)
+    height: int = param(480, "Image height.", unit="px", low=16, high=8192)
+    fov_deg: float = param(62.0, "Horizontal field of view in water.", unit="deg", low=10.0, high=110.0)
+    axis: str = param("horizontal", "Direction of the baseline; vertical has the second camera below.",
+                      choices=("horizontal", "vertical"))  # fmt: skip
+    baseline_m: float = param(0.12, "Distance between the cameras.", unit="m", low=0.005, high=2.0)
+    misalignment_deg: float = param(0.7, "How crooked the cameras are mounted.", unit="deg", low=0.0, high=5.0)
+    distortion: float = param(0.12, "Barrel distortion of the lenses, -k1.", low=0.0, high=0.3)
+    calibrated: bool = param(True, "Whether the bag tells the calibration.")
+
+    water: str = param("3C", "Jerlov water type; clear is none at all.", choices=WATERS)
+    turbidity: float = param(1.0, "Multiplies attenuation and scattering.", low=0.0, high=20.0)
+    water_depth_m: float = param(
+        5.0, "Below the surface, where daylight has lost colour.", unit="m", low=0.0, high=100.0
+    )
+    daylight: float = param(0.35, "Daylight at the surface relative to the lamp's at 1 m.", low=0.0, high=100.0)
+    lamp: float = param(1.0, "Power of the rig's lamp.", low=0.0, high=100.0)
+    forward_scatter_px_m: float = param(0.25, "Blur for every metre of type 3C water, standard deviation.", unit="px/m",
+                                        low=0.0, high=10.0)  # fmt: skip
+    snow_per_m3: float = param(250.0, "Drifting particles.", unit="1/m3", low=0.0, high=10_000.0)
+
+    noise: float = param(1.0, "Sensor noise; 1 is a small camera at moderate gain.", low=0.0, high=20.0)
+    gain_difference: float = param(0.0, "How much brighter the right eye is.", low=-0.9, high=9.0)
+    bits: int = param(8, "Of a colour channel: 8 or 16.", low=8, high=16)
+    mono: bool = param(False, "Whether the cameras see no colour.")
+
+    def check_together(self) -> None:
+        """8 or 16 bits; the rig must fit before the scene."""
+        if self.bits not in (8, 16):
+            raise ValueError(f"bits: expected 8 or 16, got {self.bits}")
+        if self.distance_m < 2 * self.baseline_m:
+            raise ValueError(
+                f"distance_m: expected at least twice baseline_m = {self.baseline_m} m, got {self.distance_m}"
+            )

@@ -1,0 +1,90 @@
+"""`simulate`: a dive as a bag, with the truth on topics of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import numpy as np
+
+from uw_recon_ros.bags.messages import pose_message
+from uw_recon_ros.bags.writer import BagWriter
+from uw_recon_ros.simulate.dive import Dive, SimulatedFrame
+from uw_recon_ros.simulate.params import SimulateParams
+from uw_recon_ros.simulate.rig import LEFT_FRAME, RIGHT_FRAME
+from uw_recon_ros.types import FloatImage, Matrix, StereoCalibration
+
+_DEPTH_STEP_M = 2.0**-12  # what rounding costs is 0.02 px of disparity at 1 m; it halves the bag's share for depth
+
+
+def simulate(
+    path: str | Path,
+    params: SimulateParams,
+    *,
+    overwrite: bool = False,
+    progress: Callable[[range], Iterable[int]] = iter,
+) -> int:
+    """Write a simulated dive.
+
+    Topics: ``/left/image_raw``, ``/right/image_raw``; where ``params.calibrated``, ``/left/camera_info`` and
+    ``/right/camera_info``; and of the raw left image ``/truth/depth`` (32FC1, m along the optical axis, NaN = nothing
+    there, in steps of 1/4096 m), ``/truth/status`` (mono8, bits of `uw_recon_ros.types.Status`), ``/truth/pose`` (in
+    ``world``); and always ``/truth/left/camera_info``, ``/truth/right/camera_info``.
+
+    Parameters
+    ----------
+    path : path
+        Folder to make; with the suffix ``.mcap`` a bare file.
+    params : SimulateParams
+    overwrite : bool
+        Whether to replace a bag that stands there.
+    progress : callable, optional
+        Given the range of frame numbers, yields them one by one while it shows how far it is.
+
+    Returns
+    -------
+    int
+        Number of pairs.
+
+    Raises
+    ------
+    BagError
+        The name is taken, or it cannot be written.
+    """
+    with BagWriter(path, overwrite=overwrite) as writer:
+        dive = Dive(params)
+        for index in progress(range(params.frames)):
+            _write_frame(writer, dive.frame(index), dive.calibration, params.calibrated)
+    return params.frames
+
+
+def _write_frame(writer: BagWriter, frame: SimulatedFrame, calibration: StereoCalibration, calibrated: bool) -> None:
+    stamp = frame.stamp_ns
+    writer.image("/left/image_raw", frame.left, time_ns=stamp, frame_id=LEFT_FRAME)
+    writer.image("/right/image_raw", frame.right, time_ns=stamp, frame_id=RIGHT_FRAME)
+    for prefix in ("", "/truth") if calibrated else ("/truth",):
+        writer.camera_info(f"{prefix}/left/camera_info", calibration.left, time_ns=stamp, frame_id=LEFT_FRAME)
+        writer.camera_info(f"{prefix}/right/camera_info", calibration.right, time_ns=stamp, frame_id=RIGHT_FRAME)
+    writer.image("/truth/depth", rounded(frame.depth), time_ns=stamp, frame_id=LEFT_FRAME)
+    writer.image("/truth/status", frame.status, time_ns=stamp, frame_id=LEFT_FRAME)
+    turn = quaternion(frame.pose.rotation)
+    writer.message("/truth/pose", pose_message(frame.pose.position, turn, time_ns=stamp, frame_id="world"))
+
+
+def rounded(depth: FloatImage) -> FloatImage:
+    """Depth in steps of 1/4096 m: its last bits are noise that does not compress."""
+    steps: FloatImage = np.round(depth / np.float32(_DEPTH_STEP_M)) * np.float32(_DEPTH_STEP_M)
+    return steps
+
+
+def quaternion(rotation: Matrix) -> Matrix:
+    """Unit quaternion x, y, z, w of a rotation matrix, w >= 0: the eigenvector of Bar-Itzhack's (2000) matrix."""
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation
+    symmetric = np.array([
+        [xx - yy - zz, yx + xy, zx + xz, zy - yz],
+        [yx + xy, yy - xx - zz, zy + yz, xz - zx],
+        [zx + xz, zy + yz, zz - xx - yy, yx - xy],
+        [zy - yz, xz - zx, yx - xy, xx + yy + zz],
+    ])  # fmt: skip
+    found: Matrix = np.linalg.eigh(symmetric)[1][:, -1]
+    return found if found[3] >= 0 else -found
