@@ -52,10 +52,10 @@ def leave(code: int, *, clean: bool) -> int:
     return code
 
 
-def command_line(name: str, about: str | None, args: Sequence[str] | None) -> None:
+def command_line(about: str | None, args: Sequence[str] | None) -> None:
     """Answer ``--help``, and refuse what is neither a ROS argument nor understood."""
     parser = argparse.ArgumentParser(
-        prog=name, description=about, formatter_class=argparse.RawDescriptionHelpFormatter,
+        description=about, formatter_class=argparse.RawDescriptionHelpFormatter,
         epilog="Parameters, remaps and namespaces are ROS arguments: --ros-args -p NAME:=VALUE -r FROM:=TO",
     )  # fmt: skip
     parser.parse_args(remove_ros_args(sys.argv if args is None else ["", *args])[1:])
@@ -81,7 +81,7 @@ def run(make: Callable[[], StageNode[Any]], about: str | None, args: Sequence[st
     node, clean = None, True
     try:
         start(args)
-        command_line(make.__name__, about, args)
+        command_line(about, args)
         node = make()
         executor = SingleThreadedExecutor()
         executor.add_node(node)

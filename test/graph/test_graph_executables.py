@@ -1,0 +1,161 @@
+"""Every executable alone: starting, refusing, ending."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from ros_bench import banded_pair, color, texture
+from sensor_msgs.msg import CompressedImage, Image
+
+from uw_recon_ros.bags.writer import BagWriter
+
+pytestmark = [pytest.mark.graph, pytest.mark.timeout(180)]
+STAGE_NODES = ["preprocess_node", "rectify_node", "disparity_node", "point_cloud_node", "pipeline_node"]
+SECOND = 1_000_000_000
+
+
+def lines(executable: Any) -> list[str]:
+    return [line for line in executable.output.splitlines() if line.strip()]
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    left, right = banded_pair()
+    with BagWriter(tmp_path / "bag") as writer:
+        for frame in range(40):
+            for eye, image in (("left", left), ("right", right)):
+                writer.image(f"/{eye}/image_raw", image, time_ns=frame * SECOND // 10, frame_id=eye)
+    return tmp_path / "bag"
+
+
+@pytest.mark.parametrize("name", [*STAGE_NODES, "bag_player_node"])
+def test_help(graph: Any, name: str) -> None:
+    helper = graph.start(name, "--help")
+    assert helper.wait() == 0
+    assert name in helper.output
+
+
+@pytest.mark.parametrize("name", [*STAGE_NODES, "bag_player_node"])
+def test_wrong_usage(graph: Any, name: str) -> None:
+    wrong = graph.start(name, "--no-such-option")
+    assert wrong.wait() == 2
+    assert "Traceback" not in wrong.output
+
+
+@pytest.mark.parametrize("name", STAGE_NODES)
+def test_a_refused_parameter_is_one_line_and_exit_code_2(graph: Any, name: str) -> None:
+    refused = graph.start(name, "--ros-args", "-p", "pair_tolerance_ms:=-1.0")
+    assert refused.wait() == 2
+    assert lines(refused) == ["error: pair_tolerance_ms: expected a float in [0, 1000] ms, got -1.0"]
+
+
+def test_a_parameter_file_that_is_none(graph: Any, tmp_path: Path) -> None:
+    (tmp_path / "params.yaml").write_text("preprocess_node: [\n")
+    refused = graph.start("preprocess_node", "--ros-args", "--params-file", tmp_path / "params.yaml")
+    assert refused.wait() == 2
+    assert "Traceback" not in refused.output
+    assert sum(line.startswith("error:") for line in lines(refused)) == 1
+
+
+def test_a_file_for_all_nodes_and_a_misspelt_name(graph: Any, tmp_path: Path) -> None:
+    (tmp_path / "params.yaml").write_text(
+        "/**:\n  ros__parameters:\n    diffusion_iterations: 2\n    lock_frames: 3\n    homomorfic_cutoff: 0.1\n"
+    )
+    node = graph.start("preprocess_node", "--ros-args", "--params-file", tmp_path / "params.yaml")
+    graph.ready("preprocess_node")
+    graph.spin_until(lambda: "homomorfic_cutoff" in node.output)
+    assert "lock_frames" not in node.output
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["SIGINT", "SIGTERM"])
+@pytest.mark.parametrize("name", STAGE_NODES)
+def test_an_idle_node_ends_well(graph: Any, name: str, number: int) -> None:
+    node = graph.start(name)
+    graph.ready(name)
+    node.signal(number)
+    assert node.wait() == 0
+    assert lines(node) == []
+
+
+def test_a_busy_node_ends_well(graph: Any) -> None:
+    node = graph.start("preprocess_node")
+    graph.bench.listen(Image, "left/image_enhanced")
+    eyes = [graph.bench.talk(Image, f"{eye}/image_raw") for eye in ("left", "right")]
+    graph.spin_until(lambda: all(eye.get_subscription_count() for eye in eyes))
+    large = np.tile(texture(400, 500), (10, 10, 1))
+    for eye in eyes:
+        eye.publish(color(large, SECOND))
+    graph.bench.spin_for(1.0)
+    node.signal(signal.SIGINT)
+    node.signal(signal.SIGINT)  # impatience does no harm
+    assert node.wait() == 0
+    assert "Traceback" not in node.output
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["SIGINT", "SIGTERM"])
+def test_the_player_ends_well_and_says_what_it_sent(graph: Any, bag: Path, number: int) -> None:
+    player = graph.start("bag_player_node", bag, "--loop")
+    heard = graph.bench.listen(Image, "left/image_raw")
+    graph.spin_until(lambda: heard)
+    player.signal(number)
+    assert player.wait() == 0
+    assert "Traceback" not in player.output
+    assert lines(player)[-1].startswith("sent ")
+
+
+def test_the_player_plays_to_the_end(graph: Any, bag: Path) -> None:
+    heard = graph.bench.listen(Image, "right/image_raw")
+    player = graph.start("bag_player_node", bag, "--rate", "10", "--wait-for-subscribers", "/right/image_raw")
+    graph.spin_until(lambda: len(heard) == 40)
+    assert player.wait() == 0
+    assert "sent 80 messages" in player.output
+    assert "/left/image_raw 40, /right/image_raw 40" in player.output
+
+
+def test_the_player_names_a_bag_that_is_none(graph: Any, tmp_path: Path) -> None:
+    (tmp_path / "rubbish.mcap").write_bytes(b"not a bag at all")
+    for path in (tmp_path / "nothing", tmp_path / "rubbish.mcap"):
+        player = graph.start("bag_player_node", path)
+        assert player.wait() == 1
+        (line,) = lines(player)
+        assert line.startswith(f"error: {path}")
+
+
+def test_a_bag_cut_short_is_played_as_far_as_it_goes(graph: Any, bag: Path, tmp_path: Path) -> None:
+    (whole,) = bag.glob("*.mcap")
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size * 6 // 10])
+    player = graph.start("bag_player_node", cut, "--rate", "20")
+    assert player.wait() == 0
+    assert "Traceback" not in player.output
+    assert any(line.startswith("sent ") for line in lines(player))
+
+
+def test_another_type_on_a_topic_is_named(graph: Any) -> None:
+    node = graph.start("preprocess_node", "--ros-args", "-p", "stall_warning_s:=0.3")
+    graph.bench.listen(Image, "left/image_enhanced")
+    graph.bench.talk(CompressedImage, "left/image_raw")
+    graph.spin_until(lambda: "expected sensor_msgs/msg/Image" in node.output)
+    assert "outsider publishes sensor_msgs/msg/CompressedImage" in node.output
+
+
+def mapped(pid: int) -> set[str]:
+    """Segments of shared memory that a process has open."""
+    maps = Path(f"/proc/{pid}/maps").read_text().splitlines()
+    return {line.split("/dev/shm/")[1] for line in maps if "/dev/shm/" in line}
+
+
+def test_nothing_is_left_in_shared_memory(graph: Any) -> None:
+    before = set(os.listdir("/dev/shm"))
+    node = graph.start("preprocess_node")
+    graph.ready("preprocess_node")
+    own = {name for name in mapped(node.process.pid) - before if "port" not in name}
+    assert max(os.stat(f"/dev/shm/{name}").st_size for name in own) >= 4 << 20  # the profile has taken effect
+    node.signal(signal.SIGINT)
+    assert node.wait() == 0
+    assert not own & set(os.listdir("/dev/shm"))
