@@ -4,11 +4,12 @@ ros2 launch uw_recon_ros uw_recon.launch.py namespace:=rov params_file:=/path/pa
 """
 
 from ament_index_python.packages import get_package_share_directory
-from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.conditions import IfCondition
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution, PythonExpression
+from launch.substitutions import LaunchConfiguration, NotEqualsSubstitution, PathJoinSubstitution
 from launch_ros.actions import Node
+
+from launch import LaunchDescription
 
 PACKAGE = "uw_recon_ros"
 STAGES = ("preprocess_node", "rectify_node", "disparity_node", "point_cloud_node")
@@ -41,7 +42,7 @@ def generate_launch_description() -> LaunchDescription:
         name=PLAYER,
         namespace=namespace,
         arguments=[bag, "--rate", LaunchConfiguration("rate"), "--wait-for-subscribers"],
-        condition=IfCondition(PythonExpression(["'", bag, "' != ''"])),
+        condition=IfCondition(NotEqualsSubstitution(bag, "")),
         output="screen",
     )
     return LaunchDescription([*arguments, *stages, player])
