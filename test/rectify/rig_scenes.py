@@ -199,16 +199,11 @@ def enhanced(
 def calibration_of(rig: Rig, *, alpha: float = 0.0) -> StereoCalibration:
     """What a calibration program would write for a rig: rectified by OpenCV, the oracle."""
     left, right, size = rig.left, rig.right, (rig.width, rig.height)
-    if left.model == "equidistant":
-        r1, r2, p1, p2, _ = cv2.fisheye.stereoRectify(
-            left.k, left.d, right.k, right.d, size, right.rotation, right.translation[:, None],
-            cv2.fisheye.CALIB_ZERO_DISPARITY, newImageSize=size, balance=0.0, fov_scale=1.0,
-        )  # fmt: skip
-    else:
-        r1, r2, p1, p2, *_ = cv2.stereoRectify(
-            left.k, left.d, right.k, right.d, size, right.rotation, right.translation[:, None],
-            flags=cv2.CALIB_ZERO_DISPARITY, alpha=alpha,
-        )  # fmt: skip
+    d = [NO_DISTORTION if eye.model == "equidistant" else eye.d for eye in (left, right)]  # R, P do not depend on it
+    r1, r2, p1, p2, *_ = cv2.stereoRectify(
+        left.k, d[0], right.k, d[1], size, right.rotation, right.translation[:, None],
+        flags=cv2.CALIB_ZERO_DISPARITY, alpha=alpha,
+    )  # fmt: skip
     cameras = [
         CameraModel(rig.width, rig.height, eye.k, np.asarray(eye.d), r, p, eye.model)
         for eye, r, p in ((left, r1, p1), (right, r2, p2))

@@ -16,7 +16,8 @@ BOTH = np.linspace(-30, 30, 50)
         (NEAR, BOTH, 1.0, "horizontal", 1),  # cameras turned towards each other
         (BOTH, NEAR, 1.0, "horizontal", 1),  # infinity badly known
         (BOTH, -NEAR, 1.0, "vertical", -1),
-        (-NEAR, NEAR, 1.0, "horizontal", 1),  # contradiction: the eyes are believed
+        (-NEAR, NEAR, 1.0, "horizontal", -1),  # contradiction: a sure rectification is believed
+        (-NEAR, NEAR, 20.0, "horizontal", 1),  # ... and one that is not sure is not
         (NEAR, -NEAR, 1.0, "vertical", 1),  # contradiction: a sure rectification is believed
         (NEAR, -NEAR, 20.0, "vertical", -1),  # ... and one that is not sure is not
         (BOTH, BOTH, 1.0, "vertical", 1),

@@ -76,7 +76,7 @@ def test_maps_are_the_views():
         np.testing.assert_allclose(raw[200, 100], view.raw(pixel)[0], atol=1e-3)
 
 
-@settings(derandomize=True, max_examples=12, deadline=None)
+@settings(derandomize=True, max_examples=8, deadline=None)
 @given(seed=st.integers(0, 10_000))
 def test_random_rigs(seed):
     rig = random_rig(seed)

@@ -13,7 +13,7 @@ from uw_recon_ros.rectify.rectification import Rectification, row_statistics
 from uw_recon_ros.rectify.tie_points import TiePoints
 from uw_recon_ros.rectify.views import View
 from uw_recon_ros.rectify.warp import inner_windows, make_canvas
-from uw_recon_ros.rectify.water import focal_ratio
+from uw_recon_ros.rectify.water import port_index
 from uw_recon_ros.types import (
     Axis,
     CameraModel,
@@ -201,13 +201,12 @@ def _warnings(
 ) -> tuple[str, ...]:
     if not median > params.drift_limit_px:
         return ()
-    found = focal_ratio(tie_points, rectification.left, rectification.right, rectification.geometry.axis)
+    found = port_index(tie_points, rectification.left, rectification.right, rectification.geometry.axis)
     if found is not None and found.water:
         return (
-            f"calibrated in air, used in water: rows disagree by {median:.1f} px (median), by "
-            f"{found.row_error_px:.1f} px with a focal length {found.ratio:.2f} times as long; depth is about "
-            f"{1 - 1 / found.ratio:.0%} short: "
-            "calibrate in water",
+            f"calibrated in air, used in water? rows disagree by {median:.1f} px (median); a focal length "
+            f"{found.index:.2f} times as long, as water behind flat ports makes it, leaves "
+            f"{found.row_error_px:.1f} px: depth would be about {1 - 1 / found.index:.0%} short: calibrate in water",
         )
     return (
         f"the calibration does not fit: rows disagree by {median:.1f} px (median of {len(tie_points)} tie points, "

@@ -38,8 +38,8 @@ def baseline_side(parallax: Matrix, raw_parallax: Matrix, sigma_px: float, axis:
     sigma_px : float
         Standard deviation of infinity in `parallax`, px.
     axis : {'horizontal', 'vertical'}
-        Where both contradict each other, a horizontal rig is believed to be the right way round; of a vertical one the
-        rectified views are believed if they are sure of it.
+        Where both contradict each other and the rectified views are not sure, a horizontal rig is taken to be the right
+        way round, a vertical one as the raw images say.
 
     Returns
     -------
@@ -48,9 +48,9 @@ def baseline_side(parallax: Matrix, raw_parallax: Matrix, sigma_px: float, axis:
     rectified, raw = _vote(parallax), _vote(raw_parallax)
     if rectified + raw != 0:
         return -1 if rectified + raw < 0 else 1
-    if axis == "horizontal" or rectified == 0:
-        return 1
-    return rectified if abs(float(np.median(parallax))) > _SURE * sigma_px else raw
+    if rectified != 0 and abs(float(np.median(parallax))) > _SURE * sigma_px:
+        return rectified
+    return raw if axis == "vertical" and raw != 0 else 1
 
 
 def infinity_shift(parallax: Matrix) -> float:

@@ -1,0 +1,171 @@
+"""A rig over its frames: gathering, locking, watching, moving; and with calibrations."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rig_scenes import calibration_of, enhanced, make_rig, render
+
+from uw_recon_ros.errors import CalibrationError, EstimationError, ImageError
+from uw_recon_ros.rectify import RectifyParams, RigTracker
+from uw_recon_ros.types import StereoCalibration
+
+SMALL = {"width": 320, "height": 240, "focal": 310.0}
+RIG = make_rig(angles_deg=(1.0, -1.5, 2.0), **SMALL)
+MOVED = make_rig(angles_deg=(2.5, -1.5, 2.0), **SMALL)
+PARAMS = RectifyParams(tie_features=1000, lock_frames=3, lock_points=300, watch_interval=2, drift_patience=2)
+
+
+@pytest.fixture(scope="module")
+def frames():
+    return [enhanced(*render(RIG, seed=seed)) for seed in range(4)]
+
+
+@pytest.fixture(scope="module")
+def moved_frames():
+    return [enhanced(*render(MOVED, seed=seed)) for seed in range(3)]
+
+
+@pytest.fixture(scope="module")
+def dark():
+    return enhanced(np.zeros((240, 320, 3), np.uint8), np.zeros((240, 320, 3), np.uint8))
+
+
+def locked_tracker(frames):
+    tracker = RigTracker(PARAMS)
+    found = [tracker.update(frame) for frame in frames[:3]]
+    return tracker, found
+
+
+def test_gathers_then_locks(frames):
+    tracker, found = locked_tracker(frames)
+    assert [f.locked for f in found] == [False, False, True]
+    assert found[0].quality.inliers < found[2].quality.inliers
+    kept = tracker.update(frames[3])
+    assert kept.geometry == found[2].geometry
+    assert kept.left_map is found[2].left_map
+
+
+def test_same_frames_same_rectifications(frames):
+    first, second = (locked_tracker(frames)[1][-1] for _ in range(2))
+    assert first.geometry == second.geometry
+    assert first.quality == second.quality
+
+
+def test_watches_the_row_error(frames):
+    tracker, found = locked_tracker(frames)
+    for frame in frames:
+        last = tracker.update(frame)
+    assert last.geometry == found[2].geometry
+    assert last.quality.inliers != found[2].quality.inliers
+    assert last.quality.row_error_median_px < 0.5
+
+
+def test_a_moved_rig_is_estimated_anew(frames, moved_frames):
+    tracker, found = locked_tracker(frames)
+    after = [tracker.update(moved_frames[i % 3]) for i in range(6)]
+    assert after[0].geometry == found[2].geometry  # one odd frame proves nothing
+    assert after[-1].geometry != found[2].geometry
+    assert after[-1].quality.row_error_median_px < 0.5
+    assert after[-1].locked
+
+
+def test_frames_without_texture_do_not_unsettle(frames, dark):
+    tracker, found = locked_tracker(frames)
+    for _ in range(6):
+        assert tracker.update(dark).geometry == found[2].geometry
+    young = RigTracker(PARAMS)
+    first = young.update(frames[0])
+    for _ in range(4):
+        assert young.update(dark) is first
+
+
+def test_nothing_to_start_from_raises(dark, frames):
+    tracker = RigTracker(PARAMS)
+    with pytest.raises(EstimationError, match="too little texture"):
+        tracker.update(dark)
+    assert tracker.update(frames[0]).quality.method == "quasi-euclidean"
+
+
+def test_a_flat_scene_does_not_lock():
+    tracker = RigTracker(PARAMS)
+    found = [tracker.update(enhanced(*render(RIG, count=0, seed=seed))) for seed in range(4)]
+    assert all(f.flat and not f.locked for f in found)
+
+
+def test_exchanged_eyes_raise_every_time(frames):
+    tracker = RigTracker(PARAMS)
+    swapped = enhanced(frames[0].right, frames[0].left)
+    for _ in range(2):
+        with pytest.raises(EstimationError, match="exchanged eyes"):
+            tracker.update(swapped)
+
+
+def with_calibration(frame, calibration):
+    return replace(frame, calibration=calibration)
+
+
+def test_calibrated_rigs_use_their_calibration_and_measure_it(frames):
+    tracker = RigTracker(PARAMS)
+    found = [tracker.update(with_calibration(frame, calibration_of(RIG))) for frame in frames]
+    assert all(f.locked and f.geometry.metric and f.quality.method == "calibrated" for f in found)
+    assert found[0].left_map is found[-1].left_map
+    assert found[0].quality.row_error_median_px < 0.3
+    assert found[2].quality.inliers > found[0].quality.inliers
+
+
+def test_a_new_calibration_is_noticed(frames):
+    tracker = RigTracker(PARAMS)
+    first = tracker.update(with_calibration(frames[0], calibration_of(RIG)))
+    second = tracker.update(with_calibration(frames[0], calibration_of(MOVED)))
+    assert first.geometry != second.geometry
+    assert second.quality.warnings != ()
+
+
+def test_a_calibration_holds_without_texture(dark):
+    found = RigTracker(PARAMS).update(with_calibration(dark, calibration_of(RIG)))
+    assert found.quality.method == "calibrated"
+    assert np.isnan(found.quality.row_error_median_px)
+
+
+def test_calibrated_exchanged_eyes_raise_every_time(frames):
+    tracker = RigTracker(PARAMS)
+    swapped = with_calibration(enhanced(frames[0].right, frames[0].left), calibration_of(RIG))
+    for _ in range(3):
+        with pytest.raises(EstimationError, match="exchanged eyes"):
+            tracker.update(swapped)
+
+
+def test_calibration_ignored_or_required(frames):
+    calibrated = with_calibration(frames[0], calibration_of(RIG))
+    ignored = RigTracker(replace(PARAMS, calibration_use="ignore")).update(calibrated)
+    assert ignored.quality.method == "quasi-euclidean"
+    with pytest.raises(CalibrationError, match=r"expected one \(calibration_use = require\), got none"):
+        RigTracker(replace(PARAMS, calibration_use="require")).update(frames[0])
+
+
+def test_two_single_cameras_are_rectified_from_their_images(frames):
+    calibration = calibration_of(RIG)
+    alone = replace(calibration.right, p=np.hstack([calibration.right.p[:, :3], np.zeros((3, 1))]))
+    single = with_calibration(frames[0], StereoCalibration(calibration.left, alone))
+    found = RigTracker(PARAMS).update(single)
+    assert found.quality.method == "quasi-euclidean"
+    assert "two single cameras" in found.quality.warnings[0]
+    with pytest.raises(CalibrationError, match="two single cameras"):
+        RigTracker(replace(PARAMS, calibration_use="require")).update(single)
+
+
+def test_sizes_must_agree(frames):
+    with pytest.raises(ImageError, match="right image: expected 320x240 px as the left one, got 320x200"):
+        RigTracker(PARAMS).update(enhanced(frames[0].left, frames[0].right[:200]))
+    other = calibration_of(make_rig())
+    with pytest.raises(CalibrationError, match="images of 320x240 px, got one for 640x480"):
+        RigTracker(PARAMS).update(with_calibration(frames[0], other))
+
+
+def test_another_image_size_starts_anew(frames):
+    tracker, _ = locked_tracker(frames)
+    left, right = (np.ascontiguousarray(image[20:220]) for image in (frames[0].left, frames[0].right))
+    found = tracker.update(enhanced(left, right))
+    assert (found.raw_width, found.raw_height) == (320, 200)
+    assert not found.locked
