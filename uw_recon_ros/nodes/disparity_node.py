@@ -80,6 +80,10 @@ class DisparityNode(StageNode[DisparityStage]):
         """Make the stage."""
         return DisparityStage(Match(params[MatchParams]), params[DisparityMessageParams])
 
+    def warm_up(self, stage: DisparityStage) -> None:
+        """Compile the matcher, or fetch it compiled."""
+        stage.match.warm_up()
+
     def work(self, stage: DisparityStage, group: Group) -> int:
         """Match one pair."""
         disparity = stage.match(rectified_pair(group))

@@ -69,6 +69,10 @@ class PipelineNode(StageNode[Stages]):
         self.inputs.accepts = preprocess_node.camera_filter(params[CameraParams])
         self.inputs.ignored = rectify_node.unwanted_infos(params[RectifyParams])
 
+    def warm_up(self, stage: Stages) -> None:
+        """Compile the matcher, or fetch it compiled."""
+        stage.match.warm_up()
+
     def work(self, stage: Stages, group: Group) -> int:
         """Take one pair as far as somebody listens."""
         rectify_node.report_calibration(self.diagnostics, group)

@@ -81,7 +81,7 @@ class StageNode(Node, Generic[S]):  # type: ignore[misc]
         self.inputs = Inputs(self, inputs, self.diagnostics, self._warn, self._post)
         self.stage: S | None = None
         self.stage = self.build(self._declared.current)
-        self._worker: Worker[Group] = Worker(name, self._work)
+        self._worker: Worker[Group] = Worker(name, self._work, self._begin)
         self._configure_inputs(self._declared.current)
         self._declared.watch(self._prepare)
         self.outputs = Outputs(self, outputs, self.diagnostics, self._follow_listeners)
@@ -99,6 +99,9 @@ class StageNode(Node, Generic[S]):  # type: ignore[misc]
     @abstractmethod
     def work(self, stage: S, group: Group) -> int:
         """Turn one group of messages into published ones; return the stamp, ns. In the worker's thread."""
+
+    def warm_up(self, stage: S) -> None:
+        """Prepare what would delay the first frame. In the worker's thread; overridden where there is something."""
 
     def configure(self, params: ParameterSet) -> None:
         """Adapt the inputs to the parameters. Overridden where there is something to adapt."""
@@ -140,21 +143,30 @@ class StageNode(Node, Generic[S]):  # type: ignore[misc]
         if self._worker.mailbox.put(group):
             self.diagnostics.drop(SUPERSEDED)
 
+    def _begin(self) -> None:
+        self._guarded(self.warm_up)
+
     def _work(self, group: Group) -> None:
+        self._guarded(lambda stage: self._work_on(stage, group))
+
+    def _work_on(self, stage: S, group: Group) -> None:
         started = time.monotonic()
+        stamp = self.work(stage, group)
+        self.diagnostics.count("done")
+        self.diagnostics.measure("work [s]", time.monotonic() - started)
+        self.diagnostics.measure("latency [s]", (self.get_clock().now().nanoseconds - stamp) * 1e-9)
+
+    def _guarded(self, action: Callable[[S], None]) -> None:
+        """Do something with the stage; what goes wrong costs the frame, not the node."""
+        stage = self.stage
+        assert stage is not None
         try:
-            stage = self.stage
-            assert stage is not None
-            stamp = self.work(stage, group)
+            action(stage)
         except (ReconError, ValueError) as error:
             self._drop(type(error).__name__, str(error))
         except Exception as error:  # a bug of ours, or of a library: the node must live to report it
             if self.context.ok():
                 self._drop(f"internal {type(error).__name__}", f"internal error: {error!r}", traceback.format_exc())
-        else:
-            self.diagnostics.count("done")
-            self.diagnostics.measure("work [s]", time.monotonic() - started)
-            self.diagnostics.measure("latency [s]", (self.get_clock().now().nanoseconds - stamp) * 1e-9)
 
     def _drop(self, reason: str, text: str, details: str = "") -> None:
         self.diagnostics.drop(reason, text)

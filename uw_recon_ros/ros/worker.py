@@ -58,11 +58,13 @@ class Worker(Generic[T]):
     name : str
     work : callable
         Called in the thread with each item; must not raise.
+    begin : callable
+        Called in the thread before anything else; must not raise.
     """
 
-    def __init__(self, name: str, work: Callable[[T], None]) -> None:
+    def __init__(self, name: str, work: Callable[[T], None], begin: Callable[[], None] = lambda: None) -> None:
         self.mailbox: Mailbox[T] = Mailbox()
-        self._work = work
+        self._work, self._begin = work, begin
         # A daemon, lest a long computation keep the process from ending.
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
@@ -74,5 +76,6 @@ class Worker(Generic[T]):
         return not self._thread.is_alive()
 
     def _run(self) -> None:
+        self._begin()
         while (item := self.mailbox.get()) is not None:
             self._work(item)

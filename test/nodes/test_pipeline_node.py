@@ -1,0 +1,145 @@
+"""The four stages in one process, and as four nodes: the same messages."""
+
+from __future__ import annotations
+
+import struct
+from typing import Any
+
+import numpy as np
+import pytest
+from rclpy.parameter import Parameter
+from ros_bench import FRAME, HEIGHT, WIDTH, Bench, banded_pair, calibration, color, infos
+from sensor_msgs.msg import CameraInfo, Image
+
+from uw_recon_ros.nodes.disparity_node import DisparityNode
+from uw_recon_ros.nodes.pipeline_node import OUTPUTS, PipelineNode
+from uw_recon_ros.nodes.point_cloud_node import PointCloudNode
+from uw_recon_ros.nodes.preprocess_node import PreprocessNode
+from uw_recon_ros.nodes.rectify_node import RectifyNode
+from uw_recon_ros.pipeline import Pipeline, PipelineParams
+from uw_recon_ros.ros import messages
+from uw_recon_ros.types import StereoPair
+
+SECOND = 1_000_000_000
+LEFT, RIGHT = banded_pair()
+LIMITS = {"min_disparity": 0, "max_disparity": 24}
+FOUR = (PreprocessNode, RectifyNode, DisparityNode, PointCloudNode)
+
+
+class Rig:
+    """Two calibrated cameras."""
+
+    def __init__(self, bench: Bench, *, calibrated: bool = True) -> None:
+        self.calibrated = calibrated
+        self.images = {eye: bench.talk(Image, f"{eye}/image_raw") for eye in ("left", "right")}
+        self.infos = (
+            {eye: bench.talk(CameraInfo, f"{eye}/camera_info") for eye in ("left", "right")} if calibrated else {}
+        )
+
+    def connect(self, bench: Bench) -> None:
+        bench.connected(*self.images.values(), *self.infos.values())
+
+    def send(self, stamp_ns: int) -> None:
+        for eye, image, info in zip(("left", "right"), (LEFT, RIGHT), infos(stamp_ns), strict=True):
+            self.images[eye].publish(color(image, stamp_ns))
+            if self.calibrated:
+                self.infos[eye].publish(info)
+
+
+def listen_to_all(bench: Bench) -> dict[str, list[Any]]:
+    return {output.topic: bench.listen(output.type, output.topic) for output in OUTPUTS}
+
+
+def content(value: Any) -> Any:
+    """A message as nested tuples, arrays as bytes: NaN equals NaN, padding counts for nothing."""
+    if hasattr(value, "get_fields_and_field_types"):
+        return tuple((name, content(getattr(value, name))) for name in value.get_fields_and_field_types())
+    if hasattr(value, "tobytes"):
+        return value.tobytes()
+    if isinstance(value, float):
+        return struct.pack("d", value)
+    return [content(each) for each in value] if isinstance(value, list) else value
+
+
+def run(bench: Bench, nodes: tuple[Any, ...], *, calibrated: bool) -> dict[str, Any]:
+    for node in nodes:
+        limits = LIMITS if node in (DisparityNode, PipelineNode) else {}
+        bench.start(node, **limits)
+    heard = listen_to_all(bench)
+    rig = Rig(bench, calibrated=calibrated)
+    rig.connect(bench)
+    rig.send(7 * SECOND)
+    unscaled = {"points_unscaled"}
+    metric = {"depth/image_rect", "depth/sigma", "depth/camera_info", "points2", "points2_filtered"}
+    expected = set(heard) - (unscaled if calibrated else metric)
+    bench.spin_until(lambda: all(heard[topic] for topic in expected), "all outputs")
+    bench.spin_for(0.1)
+    assert {topic for topic, got in heard.items() if got} == expected
+    return {topic: content(got[0]) for topic, got in heard.items() if got}
+
+
+@pytest.mark.parametrize("calibrated", [True, False])
+def test_one_process_and_four_nodes_send_the_same(calibrated: bool) -> None:
+    results = []
+    for nodes in (FOUR, (PipelineNode,)):
+        bench = Bench()
+        try:
+            results.append(run(bench, nodes, calibrated=calibrated))
+        finally:
+            bench.close()
+    four, one = results
+    assert set(four) == set(one)
+    for topic, sent in four.items():
+        assert one[topic] == sent, topic
+
+
+def test_it_is_what_the_offline_pipeline_makes(bench: Bench) -> None:
+    bench.start(PipelineNode, **LIMITS)
+    heard = listen_to_all(bench)
+    rig = Rig(bench)
+    rig.connect(bench)
+    rig.send(7 * SECOND)
+    bench.spin_until(lambda: all(heard[topic] for topic in ("disparity", "points2", "depth/sigma", "surface")))
+    pair = StereoPair(LEFT, RIGHT, 7 * SECOND, FRAME, calibration())
+    result = Pipeline(PipelineParams.from_mapping(LIMITS))(pair)
+    np.testing.assert_array_equal(
+        messages.float_image_from_message(heard["disparity"][0].image), result.disparity.disparity
+    )
+    points = np.frombuffer(heard["points2"][0].data, np.float32).reshape(HEIGHT, WIDTH, 4)[..., :3]
+    np.testing.assert_array_equal(points, result.cloud.points)
+    assert len(heard["surface"][0].points) == 3 * len(result.surface.faces)
+
+
+def test_it_goes_no_further_than_somebody_listens(bench: Bench) -> None:
+    node = bench.start(PipelineNode, **LIMITS)
+    heard = bench.listen(Image, "left/image_enhanced")
+    rig = Rig(bench)
+    rig.connect(bench)
+    rig.send(SECOND)
+    bench.spin_until(lambda: heard)
+    keys = {pair.key for pair in node.diagnostics.tick("x").values}
+    assert "density" not in keys
+    assert "rectification" not in keys
+
+
+def test_a_rig_already_known_outlives_a_change_of_the_matcher(bench: Bench) -> None:
+    node = bench.start(PipelineNode, **LIMITS)
+    before = node.stage
+    assert node.set_parameters([Parameter("kz2_sweeps", value=2)])[0].successful
+    assert node.stage.match.params.kz2_sweeps == 2
+    assert node.stage.rectify is before.rectify
+    assert node.set_parameters([Parameter("lock_frames", value=3)])[0].successful
+    assert node.stage.rectify is not before.rectify
+
+
+def test_it_knows_the_parameters_of_all_stages(bench: Bench) -> None:
+    node = bench.start(PipelineNode)
+    names = (
+        "homomorphic_cutoff",
+        "lock_frames",
+        "max_disparity",
+        "cloud_voxel",
+        "pair_tolerance_ms",
+        "image_transport",
+    )
+    assert all(node.has_parameter(name) for name in names)
