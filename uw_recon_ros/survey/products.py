@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -103,7 +103,7 @@ class Stages:
         self.preprocess = Preprocess(params.preprocess)
         self._rectify_params = params.rectify
         self._rectify = Rectify(params.rectify)
-        self._match = Match(params.match)
+        self._match = Match(replace(params.match, match_threads=1))  # the cores are shared out by frames
         self._reconstruct = Reconstruct(params.reconstruct)
 
     def __call__(self, pair: StereoPair, rectification: Rectification, timed: Stopwatch) -> Products:

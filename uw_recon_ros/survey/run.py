@@ -27,6 +27,7 @@ from uw_recon_ros.survey.tables import frames_csv, report, timing_csv
 from uw_recon_ros.survey.telling import Teller
 from uw_recon_ros.survey.write import BAG_PARTS
 
+_INERT = {"match_threads"}  # the output does not depend on it
 _FINISHED = "finished.json"
 
 
@@ -156,7 +157,7 @@ def _settings(request: Request, sources: list[Source], teller: Teller) -> dict[s
         "input": names,
         "calibration": sha256(request.calibration) if request.calibration else None,
         "survey": _values(request.survey),
-        "parameters": {name: value for stage in stages for name, value in _values(stage).items()},
+        "parameters": {name: value for stage in stages for name, value in _values(stage).items() if name not in _INERT},
         "versions": versions(),
     }
 

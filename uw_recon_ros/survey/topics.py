@@ -20,7 +20,6 @@ from uw_recon_ros.types import (
     ByteImage,
     CameraModel,
     DisparityMap,
-    FloatImage,
     Matrix,
     PointCloud,
     RectifiedPair,
@@ -138,10 +137,8 @@ def _info(camera: CameraModel, window: Window | None, head: dict[str, Any]) -> t
 
 
 def disparity_bytes(disparity: DisparityMap, head: dict[str, Any]) -> tuple[str, bytes]:
-    """A ``stereo_msgs/DisparityImage``: values adjusted for the principal points' offset, invalid = NaN."""
+    """A ``stereo_msgs/DisparityImage`` of the disparities as they are, invalid = NaN: the nodes' default."""
     geometry, values = disparity.geometry, disparity.disparity
-    offset = np.float32(geometry.offset_px)
-    adjusted: FloatImage = values + offset if offset else values
     valid = values[np.isfinite(values)]
     whole = np.array_equal(valid, np.rint(valid))
     region = _type("sensor_msgs/msg/RegionOfInterest")(
@@ -150,12 +147,12 @@ def disparity_bytes(disparity: DisparityMap, head: dict[str, Any]) -> tuple[str,
     return messages.encode(
         _type("stereo_msgs/msg/DisparityImage")(
             header=_header(**head),
-            image=messages.image_message(adjusted, **head),
+            image=messages.image_message(values, **head),
             f=float(geometry.focal_px),
             t=math.nan if geometry.baseline_m is None else float(geometry.baseline_m),
             valid_window=region,
-            min_disparity=float(valid.min(initial=disparity.min_disparity) + offset),
-            max_disparity=float(valid.max(initial=disparity.max_disparity) + offset),
+            min_disparity=float(valid.min(initial=disparity.min_disparity)),
+            max_disparity=float(valid.max(initial=disparity.max_disparity)),
             delta_d=1.0 if whole else 1.0 / 16.0,
         )
     )
