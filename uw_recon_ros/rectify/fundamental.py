@@ -74,7 +74,10 @@ def _consensus(left: Matrix, right: Matrix, threshold_px: float, seed: int) -> N
     settings.score = cv2.SCORE_METHOD_MAGSAC
     settings.sampler = cv2.SAMPLING_UNIFORM
     settings.loMethod = cv2.LOCAL_OPTIM_SIGMA
-    _, mask = cv2.findFundamentalMat(left, right, settings)
+    try:
+        _, mask = cv2.findFundamentalMat(left, right, settings)
+    except cv2.error:  # OpenCV 5 asserts instead of giving up where no sample gives a model
+        mask = None
     return np.zeros(len(left), bool) if mask is None else mask.ravel().astype(bool)
 
 
