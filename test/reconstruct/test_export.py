@@ -26,7 +26,14 @@ def depth():
 @pytest.fixture(scope="module")
 def surface(depth):
     return build_surface(
-        depth, picture(), max_vertices=2000, tolerance_px=0.1, max_jump_px=1.0, max_obliqueness_deg=85.0, min_area_px=9
+        depth,
+        picture(),
+        max_vertices=2000,
+        tolerance_px=0.1,
+        max_jump_px=1.0,
+        max_gap_px=0,
+        max_obliqueness_deg=85.0,
+        min_area_px=9,
     )
 
 

@@ -25,7 +25,8 @@ from uw_recon_ros.reconstruct.surface import build_surface
 from uw_recon_ros.reconstruct.vertices import choose_vertices
 
 DEFAULTS = {
-    "max_vertices": 4000, "tolerance_px": 0.05, "max_jump_px": 1.0, "max_obliqueness_deg": 85.0, "min_area_px": 0,
+    "max_vertices": 4000, "tolerance_px": 0.05, "max_jump_px": 1.0, "max_gap_px": 0,
+    "max_obliqueness_deg": 85.0, "min_area_px": 0,
 }  # fmt: skip
 
 
@@ -124,6 +125,12 @@ def test_a_jump_below_the_limit_belongs_to_the_surface():
     for surface, bridged in ((joined, True), (parted, False)):
         columns = np.round(pixels_of(surface)[:, 0])[surface.faces]
         assert bool(((columns.min(1) < 30) & (columns.max(1) >= 30)).any()) is bridged
+
+
+def test_whole_pixel_disparities_of_a_slanted_plane_make_one_surface():
+    level = np.round(15.0 / plane_depth(HORIZONTAL, (0.6, 0.3, 1.0), 1.0))
+    depth = depth_map(15.0 / level, HORIZONTAL, sigma_px=1 / np.sqrt(12))
+    assert coverage(build_surface(depth, picture(), **DEFAULTS)).mean() > 0.999
 
 
 def test_oblique_triangles_are_dropped_beyond_noise_only():

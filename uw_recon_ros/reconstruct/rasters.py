@@ -43,14 +43,20 @@ def _corners(vertices: Ints, triangle: Ints, u: Ints, v: Ints) -> float:
 
 @kernel
 def misfit(
-    level: FloatImage, vertices: Ints, triangles: Ints, tolerance: float, cap: float, worst: Ints, total: FloatImage
+    level: FloatImage,
+    vertices: Ints,
+    triangles: Ints,
+    tolerance: float,
+    cap: float,
+    worst: Ints,
+    total: FloatImage,
 ) -> None:
     """How far `level` departs from the plane of each triangle.
 
     Parameters
     ----------
     level : (H, W) float32
-        px.
+        px; NaN: no matter what.
     vertices : (N, 2) int32
         Pixels (u, v).
     triangles : (M, 3) int32
@@ -79,7 +85,7 @@ def misfit(
             for column in range(low, high + 1):
                 plane = base + slope_u * (column - u[0]) + slope_v * (row - v[0])
                 departure = abs(level[row, column] - plane)
-                if departure > tolerance:
+                if departure > tolerance:  # never for NaN
                     sum_ += min(departure / tolerance, cap)
                 if departure > largest:
                     largest = departure

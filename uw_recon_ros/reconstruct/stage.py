@@ -17,7 +17,7 @@ from uw_recon_ros.types import ByteImage, DepthMap, DisparityMap, PointCloud, St
 
 @dataclass(frozen=True)
 class ReconstructParams(Params):
-    """What the reconstruction can be told."""
+    """What the reconstruction can be told. The defaults are those of ``test/benchmark/reconstruct_defaults.py``."""
 
     cloud_frame: str = param(
         "optical",
@@ -81,6 +81,13 @@ class ReconstructParams(Params):
         unit="px",
         low=0.01,
         high=100.0,
+    )
+    surface_max_gap_px: int = param(
+        8,
+        "Gaps up to this wide are covered where both sides lie on one surface; 0: none.",
+        unit="px",
+        low=0,
+        high=100,
     )
     surface_max_obliqueness: float = param(
         85.0,
@@ -174,6 +181,7 @@ class Reconstruct:
             max_vertices=p.surface_max_vertices,
             tolerance_px=p.surface_tolerance_px,
             max_jump_px=p.surface_max_jump_px,
+            max_gap_px=p.surface_max_gap_px,
             max_obliqueness_deg=p.surface_max_obliqueness,
             min_area_px=p.speckle_area_px,
         )

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from uw_recon_ros.reconstruct.depth_filter import plausible_sigma
+from uw_recon_ros.reconstruct.gaps import close_gaps
+from uw_recon_ros.reconstruct.planes import fit_planes, flat_planes
 from uw_recon_ros.reconstruct.rasters import broken_triangles
 from uw_recon_ros.reconstruct.triangulation import CloudFrame, points_from_depth
 from uw_recon_ros.reconstruct.vertices import Ints, choose_vertices
 from uw_recon_ros.types import ByteImage, DepthMap, FloatImage, Mask, Matrix, Surface
+
+_BAND_SIGMAS = 4.685  # Tukey's constant
+_ROUNDING_PX = 1e-3  # a whole pixel, once turned into depth and back, is not exactly whole
 
 
 def build_surface(
@@ -22,6 +29,7 @@ def build_surface(
     max_vertices: int,
     tolerance_px: float,
     max_jump_px: float,
+    max_gap_px: int,
     max_obliqueness_deg: float,
     min_area_px: int,
 ) -> Surface:
@@ -39,6 +47,8 @@ def build_surface(
         Departure of the surface from the depth map that needs no further vertex, px of disparity.
     max_jump_px : float
         Neighbouring pixels whose disparities differ by more do not belong to one surface.
+    max_gap_px : int
+        Invalid pixels between two sides of one surface that triangles may cover; 0: none.
     max_obliqueness_deg : float
         Largest angle between a triangle's normal and the ray to the camera, beyond what noise explains.
     min_area_px : int
@@ -50,9 +60,11 @@ def build_surface(
         Possibly without triangles, where nothing is valid.
     """
     level = _level(depth)
-    pixels, triangles = choose_vertices(level, budget=max_vertices, tolerance=tolerance_px)
+    closed = _closed(depth, level, max_gap_px, max_jump_px)
+    filled = np.isfinite(closed) & np.isnan(level)
+    pixels, triangles = choose_vertices(level, filled, budget=max_vertices, tolerance=tolerance_px)
     faces = triangles[:, ::-1]
-    faces = faces[~_broken(level, pixels, faces, max_jump_px)]
+    faces = faces[~_broken(closed, pixels, faces, max_jump_px)]
     points = points_from_depth(depth.depth, depth.geometry, frame)[pixels[:, 1], pixels[:, 0]]
     faces = faces[~_oblique(depth, level, pixels, points, faces, max_obliqueness_deg)]
     faces = faces[_area_of_piece(pixels, faces) >= min_area_px]
@@ -67,11 +79,25 @@ def _level(depth: DepthMap) -> FloatImage:
     return level
 
 
+def _closed(depth: DepthMap, level: FloatImage, max_gap_px: int, max_jump_px: float) -> FloatImage:
+    """`level` with its small gaps closed."""
+    planes, band = flat_planes(level), np.float32(_BAND_SIGMAS) * plausible_sigma(_sigma_px(depth, level))
+    for step in (1, 1, 2):
+        planes = fit_planes(planes, band, step)
+    return close_gaps(replace(planes, value=level), max_gap_px, max_jump_px)
+
+
+def _sigma_px(depth: DepthMap, level: FloatImage) -> FloatImage:
+    sigma: FloatImage = np.square(level) / np.float32(abs(depth.geometry.focal_times_baseline)) * depth.sigma
+    return sigma
+
+
 def _broken(level: FloatImage, pixels: Ints, faces: Ints, max_jump_px: float) -> Mask:
     cut_right, cut_below = np.ones((2, *level.shape), np.bool_)
+    limit = np.float32(max_jump_px + _ROUNDING_PX)
     with np.errstate(invalid="ignore"):
-        cut_right[:, :-1] = ~(np.abs(np.diff(level, axis=1)) <= max_jump_px)  # NaN is a cut too
-        cut_below[:-1] = ~(np.abs(np.diff(level, axis=0)) <= max_jump_px)
+        cut_right[:, :-1] = ~(np.abs(np.diff(level, axis=1)) <= limit)  # NaN is a cut too
+        cut_below[:-1] = ~(np.abs(np.diff(level, axis=0)) <= limit)
     broken = np.empty(len(faces), np.bool_)
     broken_triangles(cut_right, cut_below, pixels, np.ascontiguousarray(faces), broken)
     return broken
@@ -87,8 +113,7 @@ def _oblique(
     cosine /= np.linalg.norm(normals, axis=1) * np.linalg.norm(centres, axis=1)
     at = pixels[:, 1], pixels[:, 0]
     heights = level[at][faces]
-    sigma_px = np.square(level) / np.float32(abs(depth.geometry.focal_times_baseline)) * depth.sigma
-    noise = 3 * np.sqrt(2) * plausible_sigma(sigma_px)[at][faces].max(axis=1)
+    noise = 3 * np.sqrt(2) * plausible_sigma(_sigma_px(depth, level))[at][faces].max(axis=1)
     oblique: Mask = (cosine < np.cos(np.deg2rad(limit_deg))) & (np.ptp(heights, axis=1) > noise)
     return oblique
 

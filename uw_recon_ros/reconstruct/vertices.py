@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
 from uw_recon_ros.reconstruct.rasters import misfit
-from uw_recon_ros.types import FloatImage
+from uw_recon_ros.types import FloatImage, Mask
 
 Ints = NDArray[np.int32]
 
@@ -25,13 +25,17 @@ _ENOUGH = 200  # a round that would add less than one vertex in so many is not w
 _GAP_LEVEL = 1000.0  # px below the lowest: invalid pixels are a surface far behind, whose border is a jump
 
 
-def choose_vertices(level: FloatImage, *, budget: int, tolerance: float) -> tuple[Ints, Ints]:
+def choose_vertices(
+    level: FloatImage, closed: Mask | None = None, *, budget: int, tolerance: float
+) -> tuple[Ints, Ints]:
     """Choose pixels whose Delaunay triangulation follows `level`.
 
     Parameters
     ----------
     level : (H, W) float32
         A quantity that planes are flat in (disparity), px; NaN = invalid.
+    closed : (H, W) bool or None
+        Invalid pixels that triangles may cover, but that cannot be vertices.
     budget : int
         Largest number of vertices, at least 4.
     tolerance : float
@@ -48,6 +52,9 @@ def choose_vertices(level: FloatImage, *, budget: int, tolerance: float) -> tupl
         raise ValueError(f"level, budget: expected at least 2x2 pixels and 4 vertices, got {level.shape} and {budget}")
     whole = _fill_gaps(level)
     chosen = _seed(level.shape[0], level.shape[1], budget)
+    if closed is not None:
+        whole[closed] = np.nan
+        chosen = chosen[~closed.ravel()[chosen]]
     while True:
         vertices, triangles = _triangulate(chosen, level.shape[1])
         room = min(budget - len(chosen), len(chosen))
