@@ -71,8 +71,10 @@ def tie_points_of(task: Task) -> TiePoints | str:
     try:
         pair = shop.stages.preprocess(shop.reader.read(task.frame))
         return find_tie_points(pair, shop.plan.pipeline.rectify)
-    except ReconError as error:
-        return _one_line(error)
+    except (OSError, MemoryError, SurveyError):
+        raise
+    except Exception as error:  # whatever it is, other frames may do
+        return _reason(error)
 
 
 def reconstruct_frame(task: Task) -> Row:
@@ -100,11 +102,8 @@ def reconstruct_frame(task: Task) -> Row:
         files = _write_products(shop, frame, products, row)
     except (OSError, MemoryError, SurveyError):
         raise
-    except ReconError as error:
-        row |= {"status": "failed", "reason": _one_line(error)}
-        files = _write_raw(shop, frame, pair)
     except Exception as error:  # one frame's trouble, whatever it is, is not the survey's end
-        row |= {"status": "failed", "reason": f"internal error: {type(error).__name__}: {_one_line(error)}"}
+        row |= {"status": "failed", "reason": _reason(error)}
         files = _write_raw(shop, frame, pair)
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
     seconds = time.perf_counter() - started
@@ -146,5 +145,6 @@ def _write(shop: Workshop, files: Mapping[str, Callable[[Path], None]]) -> dict[
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())
+def _reason(error: Exception) -> str:
+    text = " ".join(str(error).split())
+    return text if isinstance(error, ReconError) else f"internal error: {type(error).__name__}: {text}"
