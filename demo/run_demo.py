@@ -1,0 +1,127 @@
+"""Replay the sample bag through the four nodes, each a process, and show what they publish.
+
+Leaves ``index.html`` in the output folder: raw, enhanced and rectified images, disparity, depth against the truth, a
+3-D view, and a table of times, densities and errors, which is printed too.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from pathlib import Path
+
+import rclpy
+from collect import LAST, Collector
+from frames import Frame, Truth, read_frame
+from graph import NODES, Graph
+from page import print_table, write_demo_page
+from rclpy.context import Context
+from rclpy.signals import SignalHandlerOptions
+
+from uw_recon_ros.bags.reader import open_bag
+from uw_recon_ros.pipeline import Pipeline, PipelineParams
+from uw_recon_ros.progress import say
+from uw_recon_ros.ros import transport
+from uw_recon_ros.types import StereoPair
+
+ROOT = Path(__file__).resolve().parent.parent
+NAME_SPACE = "/uw_demo"
+_WAIT_S, _LAST_FRAME_S = 120.0, 20.0
+
+
+def arguments() -> argparse.Namespace:
+    """Parse the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--bag", type=Path, default=ROOT / "bags" / "amphora", help="default: %(default)s")
+    parser.add_argument("--output", type=Path, default=Path("demo_out"), help="default: %(default)s")
+    parser.add_argument("--rate", type=float, default=0.5, help="replay speed (default %(default)s)")
+    return parser.parse_args()
+
+
+def compile_kernels(pair: StereoPair) -> None:
+    """Run the stages once here: compiled code is cached, so that four processes need not each wait for it."""
+    started = time.monotonic()
+    say("[1/4] compiling the kernels (cached for next time) ...")
+    Pipeline(PipelineParams())(pair)
+    say(f"      done in {time.monotonic() - started:.0f} s")
+
+
+def first_pair(bag: Path) -> tuple[StereoPair, int]:
+    """The first stereo pair of a bag, and how many there are."""
+    with open_bag(bag) as reader:
+        pairs = iter(reader.stereo_pairs())
+        first = next(pairs)
+        return first, 1 + sum(1 for _ in pairs)
+
+
+def replay(graph: Graph, collector: Collector, args: argparse.Namespace, expected: int) -> None:
+    """Start the player once all nodes report, and receive until everything came, or nothing more does."""
+    waited = time.monotonic()
+    while not collector.diagnostics.keys() >= set(NODES):
+        collector.spin(0.2)
+        check(graph, time.monotonic() - waited)
+    player = graph.start("bag_player_node", str(args.bag), "--rate", str(args.rate), "--wait-for-subscribers")
+    quiet_since, seen, told = time.monotonic(), -1, -1
+    while (done := len(collector.complete())) < expected:
+        collector.spin(0.2)
+        received = sum(len(got) for got in collector.frames.values())
+        if received != seen:
+            quiet_since, seen = time.monotonic(), received
+        if done != told:
+            say(f"      {done} of {expected} frames")
+            told = done
+        if player.poll() is not None and time.monotonic() - quiet_since > _LAST_FRAME_S:
+            break
+        check(graph, time.monotonic() - quiet_since)
+    collector.spin(1.5)  # a last round of diagnostics
+
+
+def check(graph: Graph, quiet_s: float) -> None:
+    """End the demo where a node has ended, or nothing came for long."""
+    if dead := [name for name in graph.dead() if name in NODES]:
+        raise SystemExit(f"demo: {dead[0]} ended; its last words:\n{graph.log(dead[0])[-2000:]}")
+    if quiet_s > _WAIT_S:
+        raise SystemExit(f"demo: nothing came for {_WAIT_S:.0f} s; the nodes' logs are in {graph.logs}")
+
+
+def main() -> int:
+    """Run the demo; return the exit code."""
+    args = arguments()
+    started = time.monotonic()
+    args.output.mkdir(parents=True, exist_ok=True)
+    os.environ.setdefault("ROS_LOG_DIR", str((args.output / "log").resolve()))
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    pair, expected = first_pair(args.bag)
+    truth = Truth.read(args.bag)
+    compile_kernels(pair)
+
+    if warning := transport.prepare():
+        say(f"      {warning}")
+    context = Context()
+    rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
+    (args.output / "log").mkdir(exist_ok=True)
+    say(f"[2/4] starting {', '.join(NODES)}")
+    try:
+        with Graph(args.output / "log", ["-r", f"__ns:={NAME_SPACE}"]) as graph:
+            collector = Collector(context, NAME_SPACE)
+            say(f"[3/4] replaying {args.bag.name}: {expected} stereo pairs over DDS at {args.rate:g} times real time")
+            replay(graph, collector, args, expected)
+            collector.close()
+    finally:
+        rclpy.try_shutdown(context=context)
+
+    frames: list[Frame] = [read_frame(s, collector.frames[s], truth) for s in collector.complete()]
+    if not frames:
+        raise SystemExit(f"demo: expected {expected} frames, got none whole; the nodes' logs are in {args.output}/log")
+    latency = {s: at[LAST] - at["left/image_raw"] for s, at in collector.arrived.items() if LAST in at}
+    say("[4/4] writing the page")
+    page = write_demo_page(args.output / "index.html", frames, expected, latency, collector)
+    print_table(frames, expected, latency, collector.diagnostics)
+    say(f"\nLook at {page}  ({time.monotonic() - started:.0f} s)")
+    return 0 if len(frames) == expected else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,120 @@
+"""Imports point down only, and what is declared elsewhere agrees with the code."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from uw_recon_ros.params import read_parameter_file
+from uw_recon_ros.pipeline import STAGES, PipelineParams, read_values
+
+ROOT = Path(__file__).parent.parent
+PACKAGE = ROOT / "uw_recon_ros"
+NOUNS = {"", "types", "params", "errors", "images", "calibration", "pairing", "jit", "progress", "evaluate"}
+STAGE_ROOMS = {"preprocess", "rectify", "match", "reconstruct"}
+OFFLINE = NOUNS | STAGE_ROOMS | {"pipeline"}
+MAY_IMPORT = {
+    **dict.fromkeys(NOUNS, NOUNS),
+    **{room: NOUNS | {room} for room in STAGE_ROOMS},
+    "pipeline": OFFLINE,
+    "bags": NOUNS | {"bags"},
+    "simulate": NOUNS | {"simulate", "bags"},
+    "report": NOUNS | {"report"},
+    "pair": OFFLINE | {"report"},
+    "ros": NOUNS | STAGE_ROOMS | {"pipeline", "ros"},
+    "nodes": OFFLINE | {"ros", "nodes", "bags"},
+    "survey": OFFLINE | {"survey", "bags", "report"},
+    "cli": OFFLINE | {"pair", "bags", "simulate", "report", "survey"},
+}
+ROS_PACKAGES = re.compile(r"rclpy|rcl_interfaces|builtin_interfaces|ament_index_python|\w+_msgs|std_srvs|launch(_ros)?")
+MODULES = sorted(PACKAGE.rglob("*.py"))
+
+
+def imports(path: Path) -> set[str]:
+    """Every module imported anywhere in a file, in full."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            names.add(str(node.module))
+            names |= {f"{node.module}.{alias.name}" for alias in node.names if node.module == "uw_recon_ros"}
+    return names
+
+
+def room(path: Path) -> str:
+    first = path.relative_to(PACKAGE).parts[0]
+    return first.removesuffix(".py") if first != "__init__.py" else ""
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_imports_point_down(path: Path) -> None:
+    here, found = room(path), imports(path)
+    rooms = {name.split(".")[1] for name in found if name.startswith("uw_recon_ros.")} - {"__version__"}
+    assert rooms <= MAY_IMPORT[here], f"{here} may not import {rooms - MAY_IMPORT[here]}"
+    tops = {name.split(".")[0] for name in found}
+    ros = {top for top in tops if ROS_PACKAGES.fullmatch(top)}
+    assert not ros or here in {"ros", "nodes"}, f"{here} may not import {ros}"
+    assert not tops & {"rosbags", "mcap"} or here == "bags", f"{here} may not read bags itself"
+
+
+def test_offline_use_needs_no_ros() -> None:
+    code = "import sys, uw_recon_ros.cli, uw_recon_ros.pair, uw_recon_ros.pipeline; print('rclpy' in sys.modules)"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert out.stdout.strip() == "False"
+
+
+def test_parameter_names_are_unique_over_all_stages() -> None:
+    names = [spec.name for cls in STAGES.values() for spec in cls.specs()]
+    assert sorted(names) == sorted(set(names))
+
+
+def test_every_parameter_has_a_sentence() -> None:
+    for cls in STAGES.values():
+        for spec in cls.specs():
+            assert re.fullmatch(r"[A-Z].*\.", spec.doc, re.DOTALL), f"{spec.name}: {spec.doc!r}"
+
+
+def console_scripts() -> dict[str, str]:
+    source = (ROOT / "setup.py").read_text(encoding="utf-8")
+    nodes = ast.literal_eval(re.search(r"^NODES = (\[.*\])$", source, re.MULTILINE)[1])  # type: ignore[index]
+    return {node: f"uw_recon_ros.nodes.{node}" for node in nodes} | {"uw_recon": "uw_recon_ros.cli"}
+
+
+def test_entry_points_exist() -> None:
+    for module in console_scripts().values():
+        assert callable(importlib.import_module(module).main)
+
+
+def test_every_node_has_an_entry_point() -> None:
+    nodes = {path.stem for path in (PACKAGE / "nodes").glob("*_node.py")}
+    assert nodes == set(console_scripts()) - {"uw_recon"}
+
+
+def test_launch_file_names_our_executables() -> None:
+    for path in (ROOT / "launch").glob("*.launch.py"):
+        named = set(re.findall(r"\"(\w+_node)\"", path.read_text(encoding="utf-8")))
+        assert named
+        assert named <= set(console_scripts())
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "config").glob("*.yaml")), ids=lambda p: p.name)
+def test_parameter_files_are_understood(path: Path) -> None:
+    PipelineParams.from_mapping(read_values(path))
+
+
+def test_default_file_holds_every_default() -> None:
+    values = read_parameter_file(ROOT / "config" / "default.yaml", [])
+    assert values == {spec.name: spec.default for cls in STAGES.values() for spec in cls.specs()}
+
+
+def test_generated_files_are_up_to_date() -> None:
+    code = subprocess.run([sys.executable, str(ROOT / "tools" / "write_parameters.py"), "--check"], check=False)
+    assert code.returncode == 0, "run 'make docs'"

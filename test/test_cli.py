@@ -1,0 +1,160 @@
+"""The command line, as a user calls it: files in, files and exit code out."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+
+from uw_recon_ros.calibration import write_calibration
+from uw_recon_ros.cli import main
+from uw_recon_ros.evaluate import read_disparity, write_pfm
+from uw_recon_ros.images import read_image, write_image
+from uw_recon_ros.simulate import Dive, SimulateParams, SimulatedFrame
+
+DIVE = SimulateParams(width=256, height=192, frames=1, water="I", noise=0.2, snow_per_m3=0.0, distance_m=1.0)
+
+
+@pytest.fixture(scope="session")
+def dive() -> Dive:
+    return Dive(DIVE)
+
+
+@pytest.fixture(scope="session")
+def frame(dive: Dive) -> SimulatedFrame:
+    return dive.frame(0)
+
+
+@pytest.fixture
+def files(tmp_path: Path, dive: Dive, frame: SimulatedFrame) -> list[str]:
+    write_image(tmp_path / "left.png", frame.left)
+    write_image(tmp_path / "right.png", frame.right)
+    write_calibration(dive.calibration, tmp_path / "rig.yaml")
+    (tmp_path / "fast.yaml").write_text("/**:\n  ros__parameters: {kz2_sweeps: 1}\n")
+    return [str(tmp_path / "left.png"), str(tmp_path / "right.png"), "--params", str(tmp_path / "fast.yaml")]
+
+
+def test_calibrated_pair_becomes_metric_files(tmp_path: Path, files: list[str], frame: SimulatedFrame) -> None:
+    out = tmp_path / "out"
+    assert main(["pair", *files, "-o", str(out), "--calibration", str(tmp_path / "rig.yaml")]) == 0
+    report = json.loads((out / "report.json").read_text())
+    assert report["scale"] == "metric"
+    assert report["rectification"]["refused"] is None
+    assert report["rectification"]["row_error_median_px"] < 0.5
+    assert set(report["stages_seconds"]) == {"preprocess", "rectify", "match", "depth", "cloud", "surface"}
+    depth = cv2.imread(str(out / "depth.tiff"), cv2.IMREAD_UNCHANGED)
+    assert depth.dtype == np.float32
+    assert np.nanmedian(depth) == pytest.approx(np.nanmedian(frame.depth), rel=0.1)
+    assert read_disparity(out / "disparity.pfm").shape == depth.shape == read_image(out / "left_rect.png").shape[:2]
+    assert len(trimesh.load(out / "cloud.ply").vertices) > 0.3 * depth.size
+    assert len(next(iter(trimesh.load(out / "mesh.glb").geometry.values())).faces) > 100
+    assert "<html" in (out / "index.html").read_text()
+    written = {p.name for p in out.iterdir()}
+    assert written >= {"left_enhanced.png", "right_enhanced.png", "right_rect.png", "disparity.png"}
+    assert not any(name.endswith(".part") for name in written)
+
+
+def test_a_folder_with_files_is_not_overwritten_unasked(
+    tmp_path: Path, files: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "mine.txt").write_text("precious")
+    assert main(["pair", *files, "-o", str(tmp_path / "out")]) == 1
+    assert "expected an empty or new folder" in capsys.readouterr().err
+    assert os.listdir(tmp_path / "out") == ["mine.txt"]
+
+
+def test_what_cannot_be_rectified_leaves_a_report_with_the_reason(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for eye in ("left", "right"):
+        write_image(tmp_path / f"{eye}.png", np.full((120, 160, 3), 90, np.uint8))
+    out = tmp_path / "out"
+    assert main(["pair", str(tmp_path / "left.png"), str(tmp_path / "right.png"), "-o", str(out)]) == 1
+    error = capsys.readouterr().err.strip().splitlines()[-1]
+    report = json.loads((out / "report.json").read_text())
+    assert report["rectification"]["refused"] in error
+    assert set(report["matching"]) == {"method", "energy", "seconds", "density", "min_disparity", "max_disparity"}
+    assert (out / "left_enhanced.png").exists()
+
+
+def test_rectified_pair_to_disparity_with_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    left = np.random.default_rng(0).integers(0, 255, (40, 60, 3)).astype(np.uint8)
+    write_image(tmp_path / "l.png", left)
+    write_image(tmp_path / "r.png", np.roll(left, -4, axis=1))
+    arguments = ["disparity", str(tmp_path / "l.png"), str(tmp_path / "r.png"), "-o", str(tmp_path / "d.pfm")]
+    assert main([*arguments, "--max-disparity", "8", "--method", "kz2"]) == 0
+    numbers = json.loads(capsys.readouterr().out)
+    assert set(numbers) == {"method", "effort", "energy", "seconds", "density", "min_disparity", "max_disparity"}
+    assert (numbers["min_disparity"], numbers["max_disparity"]) == (0, 8)
+    disparity = read_disparity(tmp_path / "d.pfm")
+    assert np.nanmedian(disparity) == 4
+    assert numbers["density"] == pytest.approx(np.isfinite(disparity).mean())
+
+
+def test_evaluate_prints_a_table_and_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    truth = np.arange(12, dtype=np.float32).reshape(3, 4)
+    write_pfm(tmp_path / "t.pfm", truth)
+    write_pfm(tmp_path / "e.pfm", truth + np.float32(0.75))
+    mask = np.full((3, 4), 255, np.uint8)
+    write_image(tmp_path / "m.png", mask)
+    assert main(["evaluate", str(tmp_path / "e.pfm"), str(tmp_path / "t.pfm"), "--mask", str(tmp_path / "m.png")]) == 0
+    printed = capsys.readouterr()
+    assert json.loads(printed.out)["filled"]["bad_percent"] == {"bad-0.5": 100, "bad-1": 0, "bad-2": 0, "bad-4": 0}
+    assert "bad-0.5" in printed.err
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ("{kz2_sweeps: 0}", "kz2_sweeps: expected an int in"),
+        ("{kz2_sweep: 1}", "kz2_sweep"),
+        ("{min_disparity: 9, max_disparity: 3}", "max_disparity"),
+    ],
+)
+def test_wrong_parameters_are_wrong_usage(
+    tmp_path: Path, files: list[str], values: str, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "fast.yaml").write_text(f"/**:\n  ros__parameters: {values}\n")
+    assert main(["pair", *files, "-o", str(tmp_path / "out")]) == 2
+    assert words in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["pair", "gone.png", "gone.png", "-o", "out"],
+        ["disparity", "gone.png", "gone.png", "-o", "d.pfm"],
+        ["info", "gone"],
+        ["evaluate", "gone.pfm", "gone.pfm"],
+        ["pack", "--left", "gone/*.png", "--right", "gone/*.png", "-o", "bag"],
+    ],
+)
+def test_missing_files_fail_with_one_line(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(arguments) == 1
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
+    assert "gone" in lines[0]
+
+
+def test_wrong_arguments_exit_with_2() -> None:
+    for arguments in ([], ["pair"], ["nonsense"], ["disparity", "a", "b", "-o", "c", "--method", "x"]):
+        with pytest.raises(SystemExit) as ended:
+            main(arguments)
+        assert ended.value.code == 2
+
+
+def test_simulate_pack_and_info(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bag = str(tmp_path / "sea")
+    small = ["--frames", "2", "--width", "64", "--height", "48"]
+    assert main(["simulate", "-o", bag, *small]) == 0
+    assert main(["info", bag]) == 0
+    assert "/left/image_raw" in capsys.readouterr().out
+    assert main(["simulate", "-o", bag, *small]) == 1
+    assert "sea" in capsys.readouterr().err

@@ -1,0 +1,214 @@
+"""The command line ``uw_recon``: arguments in, exit code out. The work of each subcommand is done elsewhere.
+
+Imports stand inside the functions, so that ``--help`` need not wait for the matcher's.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from uw_recon_ros import __version__
+from uw_recon_ros.errors import ReconError
+from uw_recon_ros.progress import progress, say
+from uw_recon_ros.survey.command import add_survey
+
+if TYPE_CHECKING:
+    from uw_recon_ros.pipeline import PipelineParams
+
+OK, FAILED, USAGE = 0, 1, 2
+
+
+class _UsageError(Exception):
+    """Arguments that cannot be meant."""
+
+
+def _params(args: argparse.Namespace, **given: object) -> PipelineParams:
+    """Merge the parameter file with options given on the command line, which win."""
+    from uw_recon_ros.pipeline import PipelineParams, read_values
+
+    options = {name: value for name, value in given.items() if value is not None}
+    try:
+        return PipelineParams.from_mapping((read_values(args.params) if args.params else {}) | options)
+    except (TypeError, ValueError) as error:
+        raise _UsageError(str(error)) from error
+
+
+def _pair(args: argparse.Namespace) -> int:
+    from uw_recon_ros.pair import reconstruct_files
+
+    report = reconstruct_files(
+        args.left, args.right, args.output, _params(args), args.calibration, overwrite=args.overwrite
+    )
+    rectification, matching = report["rectification"], report["matching"]
+    say(
+        f"{args.output}/index.html: row error {rectification['row_error_median_px'] or float('nan'):.2f} px, "
+        f"density {matching['density']:.0%}, scale {report['scale']}"
+    )
+    return OK
+
+
+def _disparity(args: argparse.Namespace) -> int:
+    from uw_recon_ros.pair import match_files
+
+    params = _params(args, min_disparity=args.min_disparity, max_disparity=args.max_disparity, method=args.method)
+    sys.stdout.write(json.dumps(match_files(args.left, args.right, args.output, params.match)) + "\n")
+    return OK
+
+
+def _pack(args: argparse.Namespace) -> int:
+    from uw_recon_ros.bags.pack import pack
+    from uw_recon_ros.calibration import read_calibration
+
+    calibration = read_calibration(args.calibration) if args.calibration else None
+    pack(args.left, args.right, args.output, calibration=calibration, rate_hz=args.rate)
+    return OK
+
+
+def _info(args: argparse.Namespace) -> int:
+    from uw_recon_ros.bags.info import bag_info
+
+    sys.stdout.write(f"{bag_info(args.bag)}\n")
+    return OK
+
+
+def _simulate(args: argparse.Namespace) -> int:
+    from uw_recon_ros.simulate.params import SimulateParams
+    from uw_recon_ros.simulate.write import simulate
+
+    given = {spec.name: getattr(args, spec.name) for spec in SimulateParams.specs()}
+    try:
+        params = SimulateParams.from_mapping({name: value for name, value in given.items() if value is not None})
+    except (TypeError, ValueError) as error:
+        raise _UsageError(str(error)) from error
+    simulate(args.output, params, progress=lambda frames: progress(frames, "frames", len(frames)))
+    return OK
+
+
+def _evaluate(args: argparse.Namespace) -> int:
+    from uw_recon_ros.evaluate import as_table, evaluate, read_disparity
+    from uw_recon_ros.images import read_image, to_gray
+
+    mask = to_gray(read_image(args.mask)) == 255 if args.mask else None
+    result = evaluate(read_disparity(args.estimate), read_disparity(args.truth), mask)
+    say(as_table(result))
+    sys.stdout.write(json.dumps(result.as_dict()) + "\n")
+    return OK
+
+
+def _add_pair(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    sub = commands.add_parser("pair", help="reconstruct one image pair", description="The whole pipeline on one pair.")
+    sub.add_argument("left", help="image of the left camera (the upper or lower one of a vertical rig)")
+    sub.add_argument("right", help="image of the right camera")
+    sub.add_argument("-o", "--output", required=True, metavar="DIR", help="folder to fill; index.html shows it all")
+    sub.add_argument("--calibration", metavar="FILE", help="two camera_info YAML documents, left and right")
+    sub.add_argument("--params", metavar="FILE", help="ROS parameter file")
+    sub.add_argument("--overwrite", action="store_true", help="replace files of an earlier run")
+    sub.set_defaults(run=_pair)
+
+
+def _add_disparity(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    from uw_recon_ros.match.methods import METHODS
+
+    sub = commands.add_parser(
+        "disparity", help="match an already rectified pair", description="Match a rectified pair; JSON on stdout."
+    )
+    sub.add_argument("left")
+    sub.add_argument("right")
+    sub.add_argument("-o", "--output", required=True, metavar="FILE.pfm")
+    sub.add_argument("--max-disparity", type=int, metavar="N", help="inclusive, px; default: found from the images")
+    sub.add_argument("--min-disparity", type=int, metavar="N", help="inclusive, px")
+    sub.add_argument("--method", choices=METHODS)
+    sub.add_argument("--params", metavar="FILE", help="ROS parameter file")
+    sub.set_defaults(run=_disparity)
+
+
+def _add_bags(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    sub = commands.add_parser("pack", help="put folders of stills into a bag", description="Stills to a rosbag2 bag.")
+    sub.add_argument("--left", required=True, metavar="GLOB", help="left images, quoted: 'left/*.png'")
+    sub.add_argument("--right", required=True, metavar="GLOB")
+    sub.add_argument("-o", "--output", required=True, metavar="BAG")
+    sub.add_argument("--calibration", metavar="FILE", help="two camera_info YAML documents, left and right")
+    sub.add_argument("--rate", type=float, default=2.0, metavar="HZ", help="pairs a second (default %(default)s)")
+    sub.set_defaults(run=_pack)
+
+    sub = commands.add_parser("info", help="tell whether a bag can be reconstructed")
+    sub.add_argument("bag")
+    sub.set_defaults(run=_info)
+
+
+def _add_simulate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    from uw_recon_ros.simulate.params import SimulateParams
+
+    sub = commands.add_parser(
+        "simulate",
+        help="make a bag with known depth",
+        description="Ray-cast a stereo dive through simulated water; the bag holds the true depth too.",
+    )
+    sub.add_argument("-o", "--output", required=True, metavar="BAG")
+    for spec in SimulateParams.specs():
+        option = f"--{spec.name.replace('_', '-')}"
+        text = f"{spec.doc} {spec.unit} (default {spec.default})".replace("%", "%%")
+        if spec.type is bool:
+            sub.add_argument(option, action=argparse.BooleanOptionalAction, help=text)
+        elif spec.choices:
+            sub.add_argument(option, choices=spec.choices, help=text)
+        else:
+            sub.add_argument(option, type=spec.type, metavar="X", help=text)
+    sub.set_defaults(run=_simulate)
+
+
+def _add_evaluate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    sub = commands.add_parser(
+        "evaluate",
+        help="compare a disparity map with the truth",
+        description="A table on standard error, JSON on standard output; bad-x is the share of pixels, in percent, "
+        "whose error is over x px.",
+    )
+    sub.add_argument("estimate", help="PFM or float TIFF; inf or NaN = invalid")
+    sub.add_argument("truth", help="the same; inf = unknown")
+    sub.add_argument("--mask", metavar="PNG", help="255 = count this pixel")
+    sub.set_defaults(run=_evaluate)
+
+
+def parser() -> argparse.ArgumentParser:
+    """The parser of all subcommands."""
+    top = argparse.ArgumentParser(prog="uw_recon", description="Underwater stereo reconstruction.")
+    top.add_argument("--version", action="version", version=f"uw_recon {__version__}")
+    commands = top.add_subparsers(required=True, metavar="SUBCOMMAND")
+    for add in (_add_pair, _add_disparity, _add_bags, _add_simulate, _add_evaluate):
+        add(commands)
+    add_survey(commands, _params, _UsageError)
+    return top
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one subcommand.
+
+    Returns
+    -------
+    int
+        0 done, 1 failed (one line on standard error says what and why), 2 wrong usage.
+    """
+    args = parser().parse_args(argv)
+    try:
+        code: int = args.run(args)
+    except _UsageError as error:
+        return _fail(error, USAGE)
+    except (ReconError, OSError, ValueError) as error:
+        return _fail(error, FAILED)
+    except KeyboardInterrupt:
+        return _fail("interrupted", FAILED)
+    return code
+
+
+def _fail(error: object, code: int) -> int:
+    say("uw_recon: " + " ".join(str(error).split()))
+    return code
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,178 @@
+"""One stereo pair from files to files: the work of ``uw_recon pair`` and ``uw_recon disparity``."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from uw_recon_ros.calibration import read_calibration
+from uw_recon_ros.errors import ImageError, ReconError
+from uw_recon_ros.evaluate import write_pfm
+from uw_recon_ros.images import read_image, write_bytes, write_image
+from uw_recon_ros.match.stage import Match, MatchParams
+from uw_recon_ros.pipeline import Pipeline, PipelineParams, Result
+from uw_recon_ros.preprocess.stage import Preprocess
+from uw_recon_ros.progress import say
+from uw_recon_ros.reconstruct.export import write_glb, write_ply
+from uw_recon_ros.report.figures import colorize_disparity
+from uw_recon_ros.report.pair import write_pair_page
+from uw_recon_ros.types import RectificationQuality, RectifiedPair, StereoGeometry, StereoPair
+
+Report = dict[str, Any]
+
+
+def read_pair(left: str | Path, right: str | Path, calibration: str | Path | None = None) -> StereoPair:
+    """Read two image files, and the rig's calibration if there is one.
+
+    Raises
+    ------
+    ImageError, CalibrationError
+        Naming the file.
+    """
+    images = read_image(left), read_image(right)
+    if images[0].shape != images[1].shape or images[0].dtype != images[1].dtype:
+        described = [f"{i.shape[1]}x{i.shape[0]} {'colour' if i.ndim == 3 else 'mono'} {i.dtype}" for i in images]
+        raise ImageError(f"{left}, {right}: expected two images of one size and kind, got {' and '.join(described)}")
+    rig = read_calibration(calibration) if calibration else None
+    return StereoPair(*images, frame_id=(rig.left.frame_id if rig else "") or "left_optical_frame", calibration=rig)
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _report(result: Result) -> Report:
+    quality, disparity = result.rectified.quality, result.disparity
+    return {
+        "rectification": {
+            "method": quality.method,
+            "row_error_median_px": _finite(quality.row_error_median_px),
+            "row_error_p95_px": _finite(quality.row_error_p95_px),
+            "inliers": quality.inliers,
+            "refused": None,
+            "warnings": list(quality.warnings),
+        },
+        "matching": {
+            "method": disparity.method,
+            "energy": _finite(disparity.energy),
+            "seconds": result.stages_seconds["match"],
+            "density": disparity.density,
+            "min_disparity": disparity.min_disparity,
+            "max_disparity": disparity.max_disparity,
+        },
+        "scale": "metric" if disparity.geometry.metric else "unknown",
+        "stages_seconds": result.stages_seconds,
+    }
+
+
+def _refusal(error: ReconError) -> Report:
+    """A report of the same form for a pair that came no further than preprocessing."""
+    nothing = dict.fromkeys(["method", "row_error_median_px", "row_error_p95_px", "inliers"])
+    matching = dict.fromkeys(["method", "energy", "seconds", "density", "min_disparity", "max_disparity"])
+    return {
+        "rectification": {**nothing, "refused": str(error), "warnings": []},
+        "matching": matching,
+        "scale": "unknown",
+        "stages_seconds": {},
+    }
+
+
+def _write_json(path: Path, report: Mapping[str, Any]) -> None:
+    write_bytes(path, (json.dumps(report, indent=2) + "\n").encode())
+
+
+def _write_result(output: Path, result: Result, report: Report) -> None:
+    write_image(output / "left_enhanced.png", result.enhanced.left)
+    write_image(output / "right_enhanced.png", result.enhanced.right)
+    write_image(output / "left_rect.png", result.rectified.left)
+    write_image(output / "right_rect.png", result.rectified.right)
+    write_pfm(output / "disparity.pfm", result.disparity.disparity)
+    write_image(output / "disparity.png", colorize_disparity(result.disparity))
+    if result.depth.geometry.metric:
+        write_image(output / "depth.tiff", result.depth.depth)
+    write_ply(output / "cloud.ply", result.cloud)
+    write_glb(output / "mesh.glb", result.surface)
+    write_pair_page(output / "index.html", result.raw, result.enhanced, result.rectified, result.disparity,
+                    result.depth, result.surface, report)  # fmt: skip
+    _write_json(output / "report.json", report)
+
+
+def _claim(output: Path, overwrite: bool) -> None:
+    if output.exists() and not output.is_dir():
+        raise ReconError(f"{output}: expected a folder to write to, got a file")
+    if output.is_dir() and any(output.iterdir()) and not overwrite:
+        raise ReconError(
+            f"{output}: expected an empty or new folder, got one with files in it; --overwrite replaces them"
+        )
+    output.mkdir(parents=True, exist_ok=True)
+
+
+def reconstruct_files(
+    left: str | Path,
+    right: str | Path,
+    output: str | Path,
+    params: PipelineParams,
+    calibration: str | Path | None = None,
+    *,
+    overwrite: bool = False,
+) -> Report:
+    """Reconstruct two image files into a folder; return what ``report.json`` holds.
+
+    Raises
+    ------
+    ReconError
+        What the files did not allow. When the pair was read but could not be rectified or matched, the folder holds the
+        enhanced images and a report with the reason.
+    """
+    output = Path(output)
+    pair = read_pair(left, right, calibration)
+    _claim(output, overwrite)
+    try:
+        result = Pipeline(params)(pair, announce=lambda stage: say(f"{stage} ..."))
+    except ReconError as error:
+        enhanced = Preprocess(params.preprocess)(pair)
+        write_image(output / "left_enhanced.png", enhanced.left)
+        write_image(output / "right_enhanced.png", enhanced.right)
+        _write_json(output / "report.json", _refusal(error))
+        raise
+    report = _report(result)
+    say("writing ...")
+    _write_result(output, result, report)
+    return report
+
+
+def match_files(left: str | Path, right: str | Path, output: str | Path, params: MatchParams) -> Report:
+    """Match two rectified image files into a PFM; return the numbers.
+
+    Raises
+    ------
+    ReconError
+    """
+    pair = read_pair(left, right)
+    if pair.left.dtype != np.uint8:
+        raise ImageError(f"{left}: expected 8 bits a channel, got {pair.left.dtype}")
+    height, width = pair.left.shape[:2]
+    geometry = StereoGeometry(float(width), (width - 1) / 2, (width - 1) / 2, (height - 1) / 2)
+    shown = np.zeros((height, width, 3), np.uint8)  # texture, which matching does without
+    rectified = RectifiedPair(shown, shown, pair.left, pair.right, geometry, RectificationQuality("given"))
+    match = Match(params)
+    match.warm_up()
+    started = time.perf_counter()
+    result = match(rectified)
+    seconds = time.perf_counter() - started
+    write_pfm(output, result.disparity)
+    return {
+        "method": result.method,
+        "effort": None,
+        "energy": _finite(result.energy),
+        "seconds": seconds,
+        "density": result.density,
+        "min_disparity": result.min_disparity,
+        "max_disparity": result.max_disparity,
+    }
