@@ -48,16 +48,16 @@ class Expansion:
         self._min_disparity = min_disparity
         self._move = 0
         self._scene = Scene(left, right, height, width, constants.denominator, constants.occlusion_cost)
-        self._graph = _make_graph(height, width, constants)
+        self._graph = make_graph(height, width, constants)
         self._costs = Costs(np.zeros(height * width, np.int16), np.zeros(height * width, np.int16))
-        self._flow = _make_flow(height * width)
-        self._tiles = make_tiles(height, width, max_disparity - min_disparity + 1)
+        self._flow = make_flow(height * width)
+        self.tiles = make_tiles(height, width, max_disparity - min_disparity + 1)
         self._runs = np.zeros((most_runs(height, width), 2), np.int32)
         self._fresh = np.zeros(height * width, np.int32)
         self._bands = _make_bands(height, width, threads)
         flags = np.zeros(2 * height * width, np.uint8)
         self._lists = [
-            _make_lists(height * width if index == 0 else stop - first, flags)
+            make_lists(height * width if index == 0 else stop - first, flags)
             for index, (first, stop) in enumerate(self._bands)
         ]
 
@@ -79,7 +79,7 @@ class Expansion:
         """
         self._move += 1
         label, width = alpha - self._min_disparity, self._scene.width
-        count = open_tiles(label, alpha, self._move, width, self._tiles, self._graph.opened, self._runs)
+        count = open_tiles(label, alpha, self._move, width, self.tiles, self._graph.opened, self._runs)
         if count == 0:
             return 0
         whole = Part(alpha, self._move * _BASE, self._graph.label.size, 0, self._graph.label.size)
@@ -112,7 +112,7 @@ class Expansion:
         lists = self._lists[0]
         fall = int(gather(self._flow, lists))
         changed = lists.changed[: lists.state[CHANGED]]
-        note_changes(changed, whole.alpha, self._move, self._scene.width, self._graph.label, self._tiles)
+        note_changes(changed, whole.alpha, self._move, self._scene.width, self._graph.label, self.tiles)
         act(changed, whole, self._scene, self._costs, self._graph, self._fresh)
         self.energy -= fall
         return fall
@@ -129,7 +129,7 @@ def _solve(
     grow(part, graph, flow, lists)
 
 
-def _make_graph(height: int, width: int, constants: Constants) -> Graph:
+def make_graph(height: int, width: int, constants: Constants) -> Graph:
     pixels = height * width
     return Graph(
         label=np.full(pixels, OCCLUDED, np.int16),
@@ -142,7 +142,7 @@ def _make_graph(height: int, width: int, constants: Constants) -> Graph:
     )
 
 
-def _make_flow(pixels: int) -> Flow:
+def make_flow(pixels: int) -> Flow:
     return Flow(
         node=np.zeros(2 * pixels * RECORD, np.int32),
         tag=np.zeros(2 * pixels, np.int32),
@@ -159,7 +159,7 @@ def _make_bands(height: int, width: int, threads: int) -> list[tuple[int, int]]:
     return [(first * width, stop * width) for first, stop in pairwise(rows)]
 
 
-def _make_lists(pixels: int, flags: NDArray[np.uint8]) -> Lists:
+def make_lists(pixels: int, flags: NDArray[np.uint8]) -> Lists:
     return Lists(
         active=np.zeros(2 * pixels + 1, np.int32),
         orphans=np.zeros(2 * pixels + 1, np.int32),

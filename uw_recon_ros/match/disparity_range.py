@@ -1,0 +1,64 @@
+"""The range of disparities to search, from the images."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_recon_ros.errors import EstimationError
+from uw_recon_ros.match.coarse import coarse_disparities
+from uw_recon_ros.types import ByteImage
+
+_LEAST_MATCHES = 40  # pixels of the small images
+_SUPPORT = 1e-4  # part of all matches that a disparity needs behind it, for each step from the next one that has it
+_LEAST_SUPPORT = 3  # and this number
+_MARGIN = 1.5  # pixels of the small images, added at either end ...
+_SLACK = 0.05  # ... and this part of the range
+
+
+def find_disparity_range(left: ByteImage, right: ByteImage) -> tuple[int, int]:
+    """Limits between which the disparities of a rectified pair lie.
+
+    Parameters
+    ----------
+    left, right : (H, W) uint8
+        Rows matching.
+
+    Returns
+    -------
+    min_disparity, max_disparity : int
+        Inclusive, px; at least two labels, all smaller than the width.
+
+    Raises
+    ------
+    EstimationError
+        Too little of the images can be matched.
+    """
+    disparities, scale, textured = coarse_disparities(left, right)
+    if disparities.size < _LEAST_MATCHES:
+        raise EstimationError(
+            f"disparity range: expected at least {_LEAST_MATCHES} pixels that match beyond doubt, got"
+            f" {disparities.size} of {textured} textured ones ({left.shape[1]} x {left.shape[0]} px pair);"
+            " give min_disparity and max_disparity"
+        )
+    low, high = _supported(disparities)
+    margin = _MARGIN + _SLACK * (high - low)
+    widest = max(left.shape[1] - 1, 1)
+    lowest = min(max(math.floor((low - margin) * scale), -widest), widest - 1)
+    highest = min(math.ceil((high + margin) * scale), widest)
+    return lowest, max(highest, lowest + 1)
+
+
+def _supported(disparities: NDArray[np.int32]) -> tuple[int, int]:
+    """Least and greatest disparity, strays left out: the further off, the more matches must speak for it."""
+    values, counts = np.unique(disparities, return_counts=True)
+    start = int(np.searchsorted(values, np.median(disparities)))
+    need = max(_LEAST_SUPPORT, _SUPPORT * disparities.size)
+    low = high = int(values[start])
+    for value, count in zip(values[start:], counts[start:], strict=True):
+        high = int(value) if count >= need * (value - high) else high
+    for value, count in zip(values[start::-1], counts[start::-1], strict=True):
+        low = int(value) if count >= need * (low - value) else low
+    return low, high

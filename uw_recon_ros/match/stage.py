@@ -1,0 +1,158 @@
+"""The matching stage: a rectified pair in, disparity with status and uncertainty out."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+
+from uw_recon_ros.match.disparity_range import find_disparity_range
+from uw_recon_ros.match.kz2 import Kz2Result, kz2
+from uw_recon_ros.match.methods import METHODS
+from uw_recon_ros.match.status import explain
+from uw_recon_ros.params import Params, param
+from uw_recon_ros.types import ByteImage, DisparityMap, FloatImage, RectifiedPair
+
+#: Standard deviation of a disparity rounded to whole pixels, px.
+WHOLE_PIXEL_SIGMA = 1 / math.sqrt(12)
+_WIDEST = 16384  # px: labels are 16-bit integers
+
+
+@dataclass(frozen=True)
+class MatchParams(Params):
+    """Parameters of `Match`."""
+
+    method: str = param("kz2", "Matching method.", choices=METHODS)
+    min_disparity: int = param(
+        0,
+        "Least disparity searched, inclusive; equal to max_disparity: both from the images.",
+        unit="px",
+        low=-_WIDEST,
+        high=_WIDEST,
+    )
+    max_disparity: int = param(0, "Greatest disparity searched, inclusive.", unit="px", low=-_WIDEST, high=_WIDEST)
+    kz2_sweeps: int = param(4, "At most so many rounds of expansions over all labels (kz2).", low=1, high=100)
+    match_seed: int = param(0, "Seed of the order in which labels are tried.", low=0, high=2**31 - 1)
+    occlusion_cost: float = param(
+        0.0,
+        "What leaving a pixel unmatched costs (K of kz2); 0: from the images.",
+        unit="squared gray levels",
+        low=0,
+        high=1e4,
+    )
+    smoothness: float = param(
+        0.0,
+        "What a disparity step costs at an edge, and thrice elsewhere (lambda of kz2); 0: a fifth of the occlusion cost.",
+        unit="squared gray levels",
+        low=0,
+        high=1e4,
+    )
+    match_threads: int = param(
+        0, "Threads that share the work; 0: one a processor. The result does not depend on it.", low=0, high=64
+    )
+
+    def check_together(self) -> None:
+        """Refuse an empty range."""
+        if self.max_disparity < self.min_disparity:
+            raise ValueError(
+                f"max_disparity: expected at least min_disparity = {self.min_disparity} px, got {self.max_disparity}"
+            )
+
+
+@dataclass(frozen=True)
+class Match:
+    """Dense matching (paper section 2.3).
+
+    The same pair and parameters give the same bits, whatever the number of threads.
+
+    Parameters
+    ----------
+    params : MatchParams
+    """
+
+    params: MatchParams = field(default_factory=MatchParams)
+
+    def __call__(self, pair: RectifiedPair) -> DisparityMap:
+        """Match what the pair shows the matcher.
+
+        Parameters
+        ----------
+        pair : RectifiedPair
+            ``left_matching`` and ``right_matching`` may be mono (H, W) or RGB (H, W, 3).
+
+        Returns
+        -------
+        DisparityMap
+            Energy in the units of the method: for kz2, the energy times the denominator of its constants.
+
+        Raises
+        ------
+        EstimationError
+            No limits are given, and the images do not show them.
+        """
+        vertical = pair.geometry.axis == "vertical"
+        left, right = (_along_rows(image, vertical) for image in (pair.left_matching, pair.right_matching))
+        low, high = self._limits(left, right)
+        result = self._solve(left, right, low, high)
+        disparity = _as_seen(result.disparity, vertical)
+        status = explain(disparity, low, high, pair)
+        valid = status == 0
+        return DisparityMap(
+            disparity=np.where(valid, disparity, np.float32(np.nan)),
+            sigma=np.where(valid, np.float32(WHOLE_PIXEL_SIGMA), np.float32(np.nan)),
+            status=status,
+            min_disparity=low,
+            max_disparity=high,
+            geometry=pair.geometry,
+            method=self.params.method,
+            energy=float(result.energy),
+            stamp_ns=pair.stamp_ns,
+            frame_id=pair.frame_id,
+        )
+
+    def warm_up(self) -> None:
+        """Have everything compiled that a call needs: a moment from the cache, half a minute the first time ever."""
+        noise = np.random.RandomState(0).randint(0, 256, (64, 96), np.uint8)
+        find_disparity_range(noise, noise)
+        for image in (noise, np.dstack([noise] * 3)):
+            self._solve(image, image, 0, 1)
+
+    def _limits(self, left: ByteImage, right: ByteImage) -> tuple[int, int]:
+        low, high = self.params.min_disparity, self.params.max_disparity
+        return (low, high) if low < high else find_disparity_range(_gray(left), _gray(right))
+
+    def _solve(self, left: ByteImage, right: ByteImage, low: int, high: int) -> Kz2Result:
+        params = self.params
+        return kz2(
+            left,
+            right,
+            low,
+            high,
+            sweeps=params.kz2_sweeps,
+            seed=params.match_seed,
+            occlusion_cost=params.occlusion_cost,
+            smoothness=params.smoothness,
+            threads=params.match_threads or _processors(),
+        )
+
+
+def _processors() -> int:
+    """How many this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _along_rows(image: ByteImage, vertical: bool) -> ByteImage:
+    """The image so that matching pixels share a row."""
+    return np.ascontiguousarray(np.swapaxes(image, 0, 1) if vertical else image)
+
+
+def _as_seen(disparity: FloatImage, vertical: bool) -> FloatImage:
+    """Undo `_along_rows`."""
+    return np.ascontiguousarray(disparity.T) if vertical else disparity
+
+
+def _gray(image: ByteImage) -> ByteImage:
+    return image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8)
