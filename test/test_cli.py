@@ -15,7 +15,7 @@ from uw_recon_ros.calibration import write_calibration
 from uw_recon_ros.cli import main
 from uw_recon_ros.evaluate import read_disparity, write_pfm
 from uw_recon_ros.images import read_image, write_image
-from uw_recon_ros.simulate import Dive, SimulateParams, SimulatedFrame
+from uw_recon_ros.simulate import Dive, SimulatedFrame, SimulateParams
 
 DIVE = SimulateParams(width=256, height=192, frames=1, water="I", noise=0.2, snow_per_m3=0.0, distance_m=1.0)
 
