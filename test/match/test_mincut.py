@@ -15,9 +15,9 @@ from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
 from uw_recon_ros.match.constants import Constants
 from uw_recon_ros.match.energy import OCCLUDED
-from uw_recon_ros.match.expansion import make_flow, make_graph, make_lists
 from uw_recon_ros.match.forest import gather, grow, join_bands, plant
-from uw_recon_ros.match.graph import CHANGED, FORBIDDEN, Flow, Graph, Lists, Part
+from uw_recon_ros.match.graph import CHANGED, FORBIDDEN, Flow, Graph, Lists, Part, make_flow, make_lists
+from uw_recon_ros.match.labelling import make_graph
 from uw_recon_ros.match.mincut import push_relabel
 
 CONSTANTS = Constants(denominator=1, occlusion_cost=0, smoothness=7, smoothness_at_edge=3)

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from uw_recon_ros.jit import kernel
 from uw_recon_ros.match.constants import Constants
 from uw_recon_ros.match.cost import View
-from uw_recon_ros.match.energy import OCCLUDED, Labels
+from uw_recon_ros.match.energy import Labels
 from uw_recon_ros.match.forest import gather, grow, join_bands, plant
-from uw_recon_ros.match.graph import CHANGED, FORBIDDEN, RECORD, Flow, Graph, Lists, Part
-from uw_recon_ros.match.labelling import Costs, Scene, act, prepare, weights_of
+from uw_recon_ros.match.graph import CHANGED, Flow, Graph, Lists, Part, make_flow, make_lists
+from uw_recon_ros.match.labelling import Costs, Scene, act, make_graph, prepare
 from uw_recon_ros.match.mincut import push_relabel
 from uw_recon_ros.match.tiles import make_tiles, most_runs, note_changes, open_tiles
 
@@ -129,41 +129,8 @@ def _solve(
     grow(part, graph, flow, lists)
 
 
-def make_graph(height: int, width: int, constants: Constants) -> Graph:
-    pixels = height * width
-    return Graph(
-        label=np.full(pixels, OCCLUDED, np.int16),
-        partner=np.full(pixels, -1, np.int32),
-        gain=np.full(2 * pixels, -FORBIDDEN, np.int32),
-        links=np.zeros(2 * pixels, np.uint8),
-        opened=np.zeros(pixels, np.uint8),
-        weights=weights_of(constants),
-        steps=np.array([1, -1, width, -width], np.int64),
-    )
-
-
-def make_flow(pixels: int) -> Flow:
-    return Flow(
-        node=np.zeros(2 * pixels * RECORD, np.int32),
-        tag=np.zeros(2 * pixels, np.int32),
-        parent=np.zeros(2 * pixels, np.int8),
-        distance=np.zeros(2 * pixels, np.int32),
-        time=np.zeros(2 * pixels, np.int32),
-    )
-
-
 def _make_bands(height: int, width: int, threads: int) -> list[tuple[int, int]]:
     """First and one past the last pixel of each band of rows."""
     count = max(1, min(threads, height // _LEAST_BAND))
     rows = [height * index // count for index in range(count + 1)]
     return [(first * width, stop * width) for first, stop in pairwise(rows)]
-
-
-def make_lists(pixels: int, flags: NDArray[np.uint8]) -> Lists:
-    return Lists(
-        active=np.zeros(2 * pixels + 1, np.int32),
-        orphans=np.zeros(2 * pixels + 1, np.int32),
-        changed=np.zeros(2 * pixels, np.int32),
-        flags=flags,
-        state=np.zeros(6, np.int64),
-    )

@@ -138,6 +138,28 @@ class Part(NamedTuple):
     stop: int
 
 
+def make_flow(pixels: int) -> Flow:
+    """Nothing reached yet."""
+    return Flow(
+        node=np.zeros(2 * pixels * RECORD, np.int32),
+        tag=np.zeros(2 * pixels, np.int32),
+        parent=np.zeros(2 * pixels, np.int8),
+        distance=np.zeros(2 * pixels, np.int32),
+        time=np.zeros(2 * pixels, np.int32),
+    )
+
+
+def make_lists(pixels: int, flags: NDArray[np.uint8]) -> Lists:
+    """Room for the nodes of a band of `pixels`; `flags` as in `Lists`."""
+    return Lists(
+        active=np.zeros(2 * pixels + 1, np.int32),
+        orphans=np.zeros(2 * pixels + 1, np.int32),
+        changed=np.zeros(2 * pixels, np.int32),
+        flags=flags,
+        state=np.zeros(6, np.int64),
+    )
+
+
 @kernel(allocates=False, inline=True)
 def append(v: int, ring: NDArray[np.int32], state: NDArray[np.int64], which: int) -> None:
     """Put v at the end of a ring, `ACTIVE` or `ORPHANS`."""

@@ -49,11 +49,25 @@ class Costs(NamedTuple):
     active: NDArray[np.int16]
 
 
-def weights_of(constants: Constants) -> NDArray[np.int32]:
+def _weights(constants: Constants) -> NDArray[np.int32]:
     """Capacities of arcs 0 to 3 by value of `Graph.links`, (1024,) int32."""
     classes = np.array([0, constants.smoothness_at_edge, constants.smoothness, 0], np.int32)
     links = np.arange(256)
     return np.stack([classes[(links >> 2 * k) & 3] for k in range(4)], axis=1).ravel()
+
+
+def make_graph(height: int, width: int, constants: Constants) -> Graph:
+    """Of an empty labelling: nothing is matched."""
+    pixels = height * width
+    return Graph(
+        label=np.full(pixels, OCCLUDED, np.int16),
+        partner=np.full(pixels, -1, np.int32),
+        gain=np.full(2 * pixels, -FORBIDDEN, np.int32),
+        links=np.zeros(2 * pixels, np.uint8),
+        opened=np.zeros(pixels, np.uint8),
+        weights=_weights(constants),
+        steps=np.array([1, -1, width, -width], np.int64),
+    )
 
 
 @kernel

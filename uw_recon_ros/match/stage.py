@@ -45,7 +45,7 @@ class MatchParams(Params):
     )
     smoothness: float = param(
         0.0,
-        "What a disparity step costs at an edge, and thrice elsewhere (lambda of kz2); 0: a fifth of the occlusion cost.",
+        "What a disparity step costs at an edge; thrice that elsewhere (lambda of kz2); 0: a fifth of occlusion_cost.",
         unit="squared gray levels",
         low=0,
         high=1e4,
