@@ -48,13 +48,18 @@ class Executable:
         try:
             return self.process.wait(LIMIT_S)
         except subprocess.TimeoutExpired:
-            self.kill()
+            self.end()
             pytest.fail(f"{self.name} did not end; it said:\n{self.output}")
 
-    def kill(self) -> None:
+    def end(self) -> None:
+        """Ask, then kill: what is killed leaves its shared memory behind."""
         if self.running:
-            os.killpg(self.process.pid, signal.SIGKILL)
-            self.process.wait()
+            self.process.send_signal(signal.SIGINT)
+            try:
+                self.process.wait(10.0)
+            except subprocess.TimeoutExpired:
+                os.killpg(self.process.pid, signal.SIGKILL)
+                self.process.wait()
         self._file.close()
 
 
@@ -87,7 +92,7 @@ class Graph:
 
     def end(self) -> None:
         for executable in self.started:
-            executable.kill()
+            executable.end()
 
 
 @pytest.fixture

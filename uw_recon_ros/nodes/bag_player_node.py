@@ -27,7 +27,7 @@ from uw_recon_ros.bags.reader import BagReader, open_bag
 from uw_recon_ros.errors import BagError
 from uw_recon_ros.nodes.replay import Report, parse, recorded_profile
 from uw_recon_ros.nodes.timeline import Timeline
-from uw_recon_ros.ros.main import DONE, FAILED, USAGE, leave, start
+from uw_recon_ros.ros.main import DONE, FAILED, USAGE, leave, start, until_shutdown
 from uw_recon_ros.ros.message_types import message_class
 from uw_recon_ros.ros.messages import time_message
 from uw_recon_ros.ros.parameters import ParameterError
@@ -191,25 +191,23 @@ class BagPlayerNode(Node):  # type: ignore[misc]
 
 def main(args: Sequence[str] | None = None) -> int:
     """Play a bag; return the exit code."""
-    player = None
+    player, code = None, DONE
     try:
-        start(args)
-        settings = parse(args, __doc__)
-        with open_bag(settings.bag) as bag:
-            player = BagPlayerNode(bag, settings)
-            player.play()
-            for sentence in bag.damage:
-                player.get_logger().warning(f"{bag.path}: {sentence}")
+        with until_shutdown():
+            start(args)
+            settings = parse(args, __doc__)
+            with open_bag(settings.bag) as bag:
+                player = BagPlayerNode(bag, settings)
+                player.play()
+                for sentence in bag.damage:
+                    player.get_logger().warning(f"{bag.path}: {sentence}")
     except (BagError, ParameterError) as error:
         print(f"error: {error}", file=sys.stderr)  # noqa: T201
-        return leave(USAGE if isinstance(error, ParameterError) else FAILED, clean=True)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    finally:
-        if player is not None:
-            print(player.summary(), flush=True)  # noqa: T201
-            player.close()
-    return leave(DONE, clean=True)
+        code = USAGE if isinstance(error, ParameterError) else FAILED
+    if player is not None:
+        print(player.summary(), flush=True)  # noqa: T201
+        player.close()
+    return leave(code)
 
 
 if __name__ == "__main__":

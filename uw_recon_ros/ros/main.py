@@ -6,7 +6,8 @@ import argparse
 import os
 import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import rclpy
@@ -39,10 +40,23 @@ def start(args: Sequence[str] | None) -> None:
         rclpy.logging.get_logger("uw_recon_ros").warning(warning)
 
 
-def leave(code: int, *, clean: bool) -> int:
+@contextmanager
+def until_shutdown() -> Iterator[None]:
+    """Let a signal, or a shutdown from elsewhere, end the block quietly; later signals are ignored."""
+    try:
+        yield
+    except (KeyboardInterrupt, ExternalShutdownException, ROSInterruptException):
+        pass
+    except Exception:
+        if rclpy.ok():  # else a signal took the context away, and whatever was under way failed for that
+            raise
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+
+
+def leave(code: int, *, clean: bool = True) -> int:
     """End ROS; return the exit code, or leave at once where a thread is still computing."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C would only litter
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
     rclpy.try_shutdown()
     if not clean:  # the interpreter would wait for, or trip over, compiled code still running
         transport.clean_up()
@@ -80,17 +94,16 @@ def run(make: Callable[[], StageNode[Any]], about: str | None, args: Sequence[st
     """
     node, clean = None, True
     try:
-        start(args)
-        command_line(about, args)
-        node = make()
-        executor = SingleThreadedExecutor()
-        executor.add_node(node)
-        executor.spin()
+        with until_shutdown():
+            start(args)
+            command_line(about, args)
+            node = make()
+            executor = SingleThreadedExecutor()
+            executor.add_node(node)
+            executor.spin()
     except ParameterError as error:
         print(f"error: {error}", file=sys.stderr)  # noqa: T201
-        return leave(USAGE, clean=True)
-    except (KeyboardInterrupt, ExternalShutdownException, ROSInterruptException):
-        pass
+        return leave(USAGE)
     finally:
         if node is not None:
             clean = node.stop()
