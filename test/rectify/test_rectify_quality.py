@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
-from rig_scenes import make_rig, scatter, tie_points, tie_points_of
+from rig_scenes import intrinsics, make_rig, scatter, tie_points, tie_points_of
 
 from uw_recon_ros.rectify import RectifyParams
-from uw_recon_ros.rectify.quality import flatness_warnings, homography_distortion, homography_share
+from uw_recon_ros.rectify.quality import flatness_warnings, homography_distortion, homography_share, refusals
 from uw_recon_ros.rectify.rectification import row_statistics
+from uw_recon_ros.rectify.views import View
 
 
 def test_a_similarity_does_not_distort():
@@ -39,6 +40,19 @@ def test_flat_scenes_are_told_from_deep_ones():
     assert "flat scene" in warning[0]
     assert f"of {len(flat)} tie points (limit 90%)" in warning[0]
     assert flatness_warnings(deep, RectifyParams()) == ()
+
+
+def test_an_epipole_in_the_image_is_refused_however_well_the_rows_agree():
+    points = tie_points(make_rig())
+    k = intrinsics(640, 480, 620.0)
+    views = (View(k, np.eye(3), k), View(k, np.eye(3), k))
+    towards = np.array([[0, -1.0, 240.0], [1.0, 0, -300.0], [-240.0, 300.0, 0]])  # both epipoles at (300, 240)
+    (reason,) = refusals(views, towards, points, (0.1, 0.3), RectifyParams())
+    assert "forward motion: the epipole lies in the left image, at (300, 240) of 640x480 px" in reason
+    sideways = np.array([[0.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+    assert refusals(views, sideways, points, (0.1, 0.3), RectifyParams()) == []
+    (reason,) = refusals(views, sideways, points, (0.9, 2.1), RectifyParams())
+    assert f"up to 2 px, got 2.10 px (median 0.90 px, {len(points)} tie points)" in reason
 
 
 def test_row_statistics_count_lost_points_as_infinite():

@@ -48,6 +48,13 @@ def test_canyon_rows_agree_on_held_out_matches(canyon):
     assert 800 < found.geometry.focal_px < 1800
 
 
+def test_canyon_without_prior(canyon):
+    """The bare method: from zero, unless its first step is held back, it leaves for focal lengths without return."""
+    found = estimate_rectification(canyon[1], RectifyParams(rig_prior_weight=0.0))
+    assert found.quality.row_error_median_px < 0.6
+    assert 800 < found.geometry.focal_px < 1800
+
+
 def test_canyon_rows_agree_on_matches_of_another_search(canyon):
     """Tie points found at half the size, with another seed: neither in the fit nor through its filter."""
     found = estimate_rectification(canyon[1], PARAMS)

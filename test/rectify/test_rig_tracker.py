@@ -70,6 +70,25 @@ def test_a_moved_rig_is_estimated_anew(frames, moved_frames):
     assert after[-1].locked
 
 
+def test_a_suspicion_is_followed_up_at_once(frames, moved_frames):
+    """Locked at frame 3, watched at 7; two frames in a row must show the drift: anew at 8, not at 11."""
+    tracker = RigTracker(replace(PARAMS, watch_interval=4))
+    for frame in frames[:3]:
+        locked = tracker.update(frame)
+    geometries = [tracker.update(moved_frames[0]).geometry for _ in range(5)]
+    assert [g == locked.geometry for g in geometries] == [True, True, True, True, False]
+
+
+def test_a_rig_that_moves_before_it_is_locked(frames, moved_frames):
+    tracker = RigTracker(PARAMS)
+    first = tracker.update(frames[0])
+    for _ in range(PARAMS.drift_patience):
+        assert tracker.update(moved_frames[0]) is first
+    with pytest.raises(EstimationError, match="rows disagree"):
+        tracker.update(moved_frames[0])
+    assert tracker.update(moved_frames[0]).quality.row_error_median_px < 0.5
+
+
 def test_frames_without_texture_do_not_unsettle(frames, dark):
     tracker, found = locked_tracker(frames)
     for _ in range(6):

@@ -7,7 +7,7 @@ from rig_scenes import enhanced, make_rig, render
 from uw_recon_ros.errors import EstimationError
 from uw_recon_ros.rectify import RectifyParams, TiePoints, find_tie_points
 from uw_recon_ros.rectify.sampson import sampson_distance
-from uw_recon_ros.rectify.tie_points import gathered, mutual_matches, spread, thinned
+from uw_recon_ros.rectify.tie_points import gathered, mutual_matches, spread, thinned, to_full_size
 
 RIG = make_rig(angles_deg=(1.0, -1.5, 2.0))
 PARAMS = RectifyParams()
@@ -54,6 +54,12 @@ def test_larger_images_are_reduced_and_pixels_stay_those_of_the_full_image(image
     assert reduced.left.max() > 500
     assert np.median(np.abs(distances(reduced))) < 0.4
     assert np.abs(np.mean(distances(reduced))) < 0.1
+
+
+def test_a_pixel_of_the_reduced_image_is_the_middle_of_those_it_replaced():
+    half, full = np.zeros((240, 320, 3), np.uint8), np.zeros((480, 640, 3), np.uint8)
+    pixels = to_full_size(np.array([[0.0, 0.0], [319.0, 239.0]]), half, full)
+    np.testing.assert_allclose(pixels, [[0.5, 0.5], [638.5, 478.5]])
 
 
 def test_images_without_texture_are_refused_with_the_counts():

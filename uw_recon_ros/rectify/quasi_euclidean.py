@@ -26,7 +26,7 @@ _LOG3 = np.log(3.0)
 _FOCAL_STARTS = np.linspace(-1.0, 1.0, 9)
 _RANDOM_RESTARTS = 6
 _COARSE_MATCHES = 300
-# Levenberg-Marquardt's first step from zero is 100 times this: larger ones leave for focal lengths of no return.
+# Scaled by the Jacobian's columns, scipy's default, the first step from zero leaves for focal lengths of no return.
 _STEP_SCALE = 1e-3
 
 # What a rig is like before any match is seen: standard deviations of the five angles and of alpha', and its mean,

@@ -157,7 +157,8 @@ def _reduced(image: ByteImage, longest_side: int) -> tuple[ByteImage, float]:
     return np.asarray(cv2.resize(gray, size, interpolation=cv2.INTER_AREA), np.uint8), scale
 
 
-def _to_full_size(points: Matrix, reduced: ByteImage, full: ByteImage) -> Matrix:
+def to_full_size(points: Matrix, reduced: ByteImage, full: ByteImage) -> Matrix:
+    """Pixels of a reduced image as pixels of the full one: not (0, 0) but the corners (-0.5, -0.5) coincide."""
     scale = np.array(full.shape[1::-1]) / np.array(reduced.shape[1::-1])
     scaled: Matrix = (points + 0.5) * scale - 0.5
     return scaled
@@ -195,8 +196,8 @@ def find_tie_points(pair: EnhancedPair, params: RectifyParams, *, longest_side: 
         )
     index_left, index_right = mutual_matches(descriptors_left, descriptors_right, params.tie_ratio)
     matches = TiePoints(
-        _to_full_size(points_left[index_left], left, pair.left),
-        _to_full_size(points_right[index_right], right, pair.right),
+        to_full_size(points_left[index_left], left, pair.left),
+        to_full_size(points_right[index_right], right, pair.right),
         pair.left.shape[1], pair.left.shape[0],
     )  # fmt: skip
     inside = robust_inliers(matches.left, matches.right, params.tie_threshold_px / scale, params.rectify_seed)
