@@ -58,7 +58,7 @@ class DaskExecutor:
 
         in_flight: dict[Any, T] = {}
         fresh = iter(tasks)
-        finished = as_completed()
+        finished = as_completed(loop=self._client.loop)
         self._fill(work, fresh, in_flight, finished)
         while in_flight:
             future = next(finished)
