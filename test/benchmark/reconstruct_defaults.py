@@ -1,6 +1,6 @@
 """Which defaults should the depth filter and the surface have? Errors against the truth, setting by setting.
 
-Usage: python test/benchmark/reconstruct_defaults.py [filter|speckles|surface] [--kz2]
+Usage: python test/benchmark/reconstruct_defaults.py [filter|speckles|surface|sigma] [--kz2]
 
 Scenes: simulated dives (and the Middlebury pairs, where they are at hand), matched by OpenCV's semi-global matcher with
 sub-pixels, and rounded to whole pixels as a graph cut leaves them (with --kz2: also by this project's own).
@@ -40,6 +40,7 @@ from uw_recon_ros.types import (
 
 SUBPIXEL_SIGMA = 0.15  # px; the semi-global matcher's spread on these scenes' smooth parts
 NEAR_EDGE_PX = 4
+GROSS_PX = 2
 Scores = dict[str, float]
 
 
@@ -82,7 +83,7 @@ def matched(name: str, pair: RectifiedPair, truth: NDArray[np.float32], count: i
     if kz2:
         from uw_recon_ros.match.stage import Match, MatchParams
 
-        own = Match(MatchParams(matching_method="kz2", max_disparity=count))(pair)
+        own = Match(MatchParams(method="kz2", max_disparity=count - 1))(pair)
         yield Case(name, "kz2", own, truth, pair.left, simulated)
 
 
@@ -212,13 +213,25 @@ def table(settings: dict[str, dict[str, object]], score, known: list[Case]) -> N
             print(f"{kind:10}{name:18}" + "  ".join(f"{key} {value:.3f}" for key, value in means.items()), flush=True)
 
 
+def spread(known: list[Case]) -> None:
+    """What the matchers' standard deviation is, gross errors aside, and what they state."""
+    for case in known:
+        error = np.abs(case.disparity.disparity - case.truth)
+        inner = error[error < GROSS_PX]
+        stated = float(np.nanmedian(case.disparity.sigma))
+        print(f"{case.name:22}{case.kind:12}rms px {np.sqrt(np.mean(inner**2)):.3f}  stated {stated:.3f}")
+
+
 def main() -> None:
     """Run what was asked for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("what", nargs="?", choices=("filter", "speckles", "surface"), default="filter")
+    parser.add_argument("what", nargs="?", choices=("filter", "speckles", "surface", "sigma"), default="filter")
     parser.add_argument("--kz2", action="store_true")
     arguments = parser.parse_args()
     known = list(cases(arguments.kz2))
+    if arguments.what == "sigma":
+        spread(known)
+        return
     settings, score = {
         "filter": (FILTERS, filter_scores), "speckles": (SPECKLES, filter_scores), "surface": (SURFACES, surface_scores)
     }[arguments.what]  # fmt: skip

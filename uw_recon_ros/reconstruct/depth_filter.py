@@ -20,7 +20,7 @@ from uw_recon_ros.types import FloatImage, Mask
 
 #: Standard deviation of rounding to whole pixels: what is assumed where a matcher states none, px.
 ROUNDING_SIGMA = 1 / np.sqrt(12)
-_SIGMA_LIMITS = 0.03, 0.5  # px; a doubtful pixel must not open its window to the surface behind
+_SIGMA_LIMITS = 0.03, 0.75  # px; a doubtful pixel must not open its window to the surface behind
 _SHRINK = 0.8  # of the bandwidth a level: what is left of the noise shrinks, what is left of the edges does not
 
 
