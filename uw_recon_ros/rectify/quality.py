@@ -62,8 +62,15 @@ def homography_share(tie_points: TiePoints, threshold_px: float) -> float:
     """Share of the tie points that one homography explains: near 1, the scene is flat or too far for the baseline."""
     if len(tie_points) < 5:
         return 1.0
-    _, mask = cv2.findHomography(tie_points.left, tie_points.right, cv2.RANSAC, threshold_px)
-    return 0.0 if mask is None else float(mask.mean())
+    sampled, mask = cv2.findHomography(tie_points.left, tie_points.right, cv2.RANSAC, threshold_px)
+    inside = np.zeros(len(tie_points), bool) if sampled is None else mask.ravel().astype(bool)
+    if inside.sum() < 5:
+        return 0.0
+    settled, _ = cv2.findHomography(tie_points.left[inside], tie_points.right[inside], 0)  # a sample's is noisy
+    moved = homogeneous(tie_points.left) @ (sampled if settled is None else settled).T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distance = np.linalg.norm(moved[:, :2] / moved[:, 2:] - tie_points.right, axis=1)
+    return float((distance < threshold_px).mean())
 
 
 def _torn_or_bent(eye: str, distortion: Distortion, params: RectifyParams) -> list[str]:

@@ -107,7 +107,7 @@ def fundamental_and_jacobian(unknowns: Matrix) -> tuple[Matrix, Matrix]:
         Rows in the order of ``fundamental.ravel()``.
     """
     y_l, z_l, x_r, y_r, z_r, alpha = unknowns
-    focal = 3.0**alpha
+    focal = 3.0 ** np.clip(alpha, -20.0, 20.0)  # a wild step must not overflow
     k, dk = np.diag([1.0, 1.0, focal]), np.diag([0.0, 0.0, _LOG3 * focal])  # K^-1 times the focal length
     left, left_slopes = _chain(0.0, y_l, z_l)
     right, right_slopes = _chain(x_r, y_r, z_r)
