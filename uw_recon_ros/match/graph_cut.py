@@ -1,0 +1,204 @@
+"""The graph-cut matcher: local planes as labels, moved by minimum cuts over tiles from a semi-global start.
+
+Why it is built so, and what it was measured against, is told in the documentation of the matcher.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_recon_ros.match.slanted.census import comparison_planes
+from uw_recon_ros.match.slanted.moves import UNITS, Labelling, energy
+from uw_recon_ros.match.slanted.plane_cost import FORBIDDEN, QUARTERS, View
+from uw_recon_ros.match.slanted.proposals import FIT, NEAR, OWN, POINTS, SHAKEN
+from uw_recon_ros.match.slanted.refine import Pass, disparity_of, refine
+from uw_recon_ros.match.slanted.semiglobal import Start, semiglobal_start
+from uw_recon_ros.match.slanted.support import edge_weights, inverse_size, measure_arms
+from uw_recon_ros.match.slanted.visible import check, contest, drop_islands, fill_background, sigma_of
+from uw_recon_ros.match.slanted.workers import bands, share
+from uw_recon_ros.types import ByteImage, FloatImage
+
+EFFORTS = ("navigation", "balanced", "quality")
+SMOOTHNESS, BEND = 1.0, 2.0  #: energy of a step of 1 px between like neighbours; where it is cut, px
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """What an effort spends.
+
+    Parameters
+    ----------
+    passes : tuple of Pass
+        None: the start, checked, is the result.
+    least_gain : float
+        See `refine.refine`.
+    """
+
+    passes: tuple[Pass, ...]
+    least_gain: float = 4.0
+
+
+_FIRST = (Pass(FIT, 6, False), Pass(POINTS, 6, False))
+_ROUND = (Pass(POINTS, 2, True), Pass(FIT, 2, True), Pass(OWN, 2, True), Pass(NEAR, 2, True), Pass(SHAKEN, 2, True))
+SCHEDULES = {
+    "navigation": Schedule(()),
+    "balanced": Schedule(_FIRST + _ROUND),
+    "quality": Schedule(_FIRST + 4 * _ROUND, 1.0),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class GraphCutResult:
+    """What `graph_cut` found.
+
+    Parameters
+    ----------
+    disparity : (H, W) float32
+        Left view, px; NaN = no match.
+    sigma : (H, W) float32
+        px; NaN where `disparity` is.
+    status : (H, W) uint8
+        `Status` bits.
+    energy : float
+        Of the planes; NaN for the effort that has none.
+    """
+
+    disparity: FloatImage
+    sigma: FloatImage
+    status: ByteImage
+    energy: float
+
+
+def graph_cut(
+    left: ByteImage,
+    right: ByteImage,
+    min_disparity: int,
+    max_disparity: int,
+    *,
+    effort: str = "balanced",
+    seed: int = 0,
+    threads: int = 1,
+) -> GraphCutResult:
+    """Match a rectified pair.
+
+    Parameters
+    ----------
+    left, right : (H, W) or (H, W, 3) uint8
+        Mono or RGB.
+    min_disparity, max_disparity : int
+        Limits, inclusive, px.
+    effort : {'navigation', 'balanced', 'quality'}
+    seed : int
+        Of the planes proposed.
+    threads : int
+        The result does not depend on it.
+
+    Raises
+    ------
+    ValueError
+        Shapes differ, limits are exchanged, or the effort is unknown.
+    """
+    _require(left, right, min_disparity, max_disparity, effort)
+    eyes = _Eye.of(left), _Eye.of(right)
+    limits = (min_disparity, max_disparity)
+    start = semiglobal_start(eyes[0].planes, eyes[1].planes, eyes[0].gray, eyes[1].gray, *limits, threads)
+    status = _compare(start.disparity, start.right, limits, threads)
+    schedule = SCHEDULES[effort]
+    if not schedule.passes:
+        return _result(start.disparity, start, status, float("nan"))
+    disparity, costs, units = _planes(*eyes, start.disparity, status == 0, limits, schedule, seed, threads)
+    share(lambda b: contest(disparity, costs, *b, status), bands(status.shape[0], threads), threads)
+    drop_islands(disparity, status)
+    return _result(disparity, start, status, units / UNITS)
+
+
+def _require(left: ByteImage, right: ByteImage, low: int, high: int, effort: str) -> None:
+    if left.shape != right.shape or left.ndim not in (2, 3) or left.dtype != np.uint8 or right.dtype != np.uint8:
+        got = f"{left.dtype} {left.shape} and {right.dtype} {right.shape}"
+        raise ValueError(f"left and right: expected two uint8 images of one shape, (H, W) or (H, W, 3), got {got}")
+    if low > high:
+        raise ValueError(f"min_disparity: expected at most max_disparity = {high}, got {low}")
+    if effort not in EFFORTS:
+        raise ValueError(f"effort: expected one of {', '.join(EFFORTS)}, got {effort!r}")
+
+
+@dataclass(frozen=True, eq=False)
+class _Eye:
+    """One image in the forms that are needed: (H, W, C), (C, H, W), gray."""
+
+    pixels: ByteImage
+    planes: ByteImage
+    gray: ByteImage
+
+    @classmethod
+    def of(cls, image: ByteImage) -> _Eye:
+        pixels = np.ascontiguousarray(np.atleast_3d(image))
+        gray = np.ascontiguousarray(pixels[..., 0])
+        if pixels.shape[2] == 3:
+            gray = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY), np.uint8)
+        return cls(pixels, np.ascontiguousarray(pixels.transpose(2, 0, 1)), gray)
+
+
+def _compare(disparity: FloatImage, right: FloatImage, limits: tuple[int, int], threads: int) -> ByteImage:
+    status = np.empty(disparity.shape, np.uint8)
+    share(lambda b: check(disparity, right, *limits, *b, status), bands(disparity.shape[0], threads), threads)
+    return status
+
+
+def _planes(
+    eye: _Eye,
+    other: _Eye,
+    seen: FloatImage,
+    usable: NDArray[np.bool_],
+    limits: tuple[int, int],
+    schedule: Schedule,
+    seed: int,
+    threads: int,
+) -> tuple[FloatImage, FloatImage, int]:
+    """Cover a view with planes: its map, what each pixel costs, and the energy in units."""
+    first = fill_background(np.where(usable, seen, np.float32(np.nan)))
+    view = _view(eye, other, limits, threads)
+    state = Labelling(
+        np.stack([np.zeros_like(first), np.zeros_like(first), first]),
+        np.full(first.shape, FORBIDDEN, np.float32),
+        edge_weights(eye.pixels),
+        np.float32(SMOOTHNESS),
+        np.float32(BEND),
+    )
+    refine(schedule.passes, schedule.least_gain, seed, first, usable, view, state, threads)
+    data, smooth = energy(state)
+    return disparity_of(state.planes), state.costs, data + smooth
+
+
+def _view(eye: _Eye, other: _Eye, limits: tuple[int, int], threads: int) -> View:
+    shape = eye.gray.shape
+    comparisons, gray = np.empty((24, *shape), np.uint8), eye.gray.astype(np.int16) * 16
+    share(lambda b: comparison_planes(gray, *b, comparisons), bands(shape[0], threads), threads)
+    arms, inverse = np.empty((4, *shape), np.uint8), np.empty(shape, np.float32)
+    measure_arms(eye.pixels, arms)
+    inverse_size(arms, inverse)
+    return View(comparisons, _between_pixels(other.gray), arms, inverse, np.float32(limits[0]), np.float32(limits[1]))
+
+
+def _between_pixels(gray: ByteImage) -> NDArray[np.int16]:
+    """Four samples a pixel along the rows, by cubic interpolation, 1/16 gray level."""
+    height, width = gray.shape
+    source = gray.astype(np.float32) * 16
+    flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
+    samples = np.empty((height, width, QUARTERS), np.int16)
+    for i in range(QUARTERS):
+        shift = np.array([[1, 0, i / QUARTERS], [0, 1, 0]], np.float32)
+        moved = cv2.warpAffine(source, shift, (width, height), flags=flags, borderMode=cv2.BORDER_REPLICATE)
+        samples[..., i] = np.round(moved).clip(0, 4095)
+    return np.ascontiguousarray(samples.reshape(height, -1)[:, : QUARTERS * (width - 1) + 1])
+
+
+def _result(disparity: FloatImage, start: Start, status: ByteImage, value: float) -> GraphCutResult:
+    valid = status == 0
+    nan = np.float32(np.nan)
+    sigma = sigma_of(start.curvature)
+    return GraphCutResult(np.where(valid, disparity, nan), np.where(valid, sigma, nan), status, value)

@@ -1,0 +1,146 @@
+"""Passes of moves over overlapping tiles, in groups whose members cannot meet: any number of threads, the same bits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_recon_ros.jit import kernel
+from uw_recon_ros.match.slanted.grid_cut import Grid, make_grid
+from uw_recon_ros.match.slanted.moves import Labelling, expand, possible_gain, take_cheaper
+from uw_recon_ros.match.slanted.plane_cost import Desk, View, make_desk, plane_cost
+from uw_recon_ros.match.slanted.proposals import disparities, propose, seed_random
+from uw_recon_ros.match.slanted.workers import share
+from uw_recon_ros.types import FloatImage, Mask
+
+CELL, MARGIN = 16, 8  #: planes are taken from a cell and expanded over it and a margin, px
+_APART = 3  # tiles of a group are this many cells apart
+
+
+class Pass(NamedTuple):
+    """One pass over all tiles.
+
+    Parameters
+    ----------
+    way : int
+        How planes are proposed: FIT, POINTS, OWN, NEAR or SHAKEN of `proposals`.
+    planes : int
+        Proposals a tile.
+    cut : bool
+        Expand by minimum cuts; else take the cheaper plane, pixel by pixel.
+    """
+
+    way: int
+    planes: int
+    cut: bool
+
+
+class Tile(NamedTuple):
+    """A cell: rows `top` to `bottom`, columns `left` to `right`."""
+
+    top: int
+    bottom: int
+    left: int
+    right: int
+
+
+def tile_groups(height: int, width: int, shift: int) -> list[NDArray[np.int64]]:
+    """Cells of a grid shifted by `shift`, (N, 4), in groups: no two of a group are near enough to touch."""
+
+    def spans(size: int) -> list[tuple[int, int]]:
+        edges = [*range(shift - CELL if shift else 0, size, CELL), size]
+        return [(max(a, 0), min(a + CELL, size)) for a in edges[:-1]]
+
+    rows, columns = spans(height), spans(width)
+    groups = []
+    for i in range(min(_APART, len(rows))):
+        for j in range(min(_APART, len(columns))):
+            groups.append(np.array([(*r, *c) for r in rows[i::_APART] for c in columns[j::_APART]], np.int64))
+    return groups
+
+
+@kernel
+def run_tiles(
+    tiles: NDArray[np.int64],
+    way: int,
+    planes: int,
+    cut: bool,
+    least_gain: float,
+    seed: int,
+    disparity: FloatImage,
+    usable: Mask,
+    view: View,
+    state: Labelling,
+    desk: Desk,
+    grid: Grid,
+) -> None:
+    """Try planes in some tiles, one after the other."""
+    height, width = disparity.shape
+    random = np.zeros(1, np.uint64)
+    for n in range(tiles.shape[0]):
+        row, last_row, column, last_column = tiles[n, 0], tiles[n, 1], tiles[n, 2], tiles[n, 3]
+        top, bottom = max(0, row - MARGIN), min(height, last_row + MARGIN)
+        left, right = max(0, column - MARGIN), min(width, last_column + MARGIN)
+        seed_random(seed, row, column, random)
+        for trial in range(planes):
+            a, b, c, found = propose(
+                way, trial, row, last_row, column, last_column, CELL, state.planes, disparity, usable, random
+            )
+            if not found:
+                continue
+            plane_cost(a, b, c, top, bottom, left, right, view, desk)
+            if not cut:
+                take_cheaper(a, b, c, top, bottom, left, right, desk.cost, state)
+            elif possible_gain(desk.cost, top, bottom, left, right, state.costs) >= least_gain:
+                expand(a, b, c, top, bottom, left, right, desk.cost, state, grid)
+
+
+def refine(
+    passes: Sequence[Pass],
+    least_gain: float,
+    seed: int,
+    disparity: FloatImage,
+    usable: Mask,
+    view: View,
+    state: Labelling,
+    threads: int,
+) -> None:
+    """Run all passes on a labelling, in place.
+
+    Parameters
+    ----------
+    passes : sequence of Pass
+    least_gain : float
+        A plane that could save less data cost than this in a tile is not tried by a cut.
+    seed : int
+    disparity : (H, W) float32
+        Map that planes are fitted to, px; `usable` (H, W) bool says where.
+    view : View
+    state : Labelling
+    threads : int
+    """
+    height, width = disparity.shape
+    side = CELL + 2 * MARGIN
+    memory = [(make_desk(side), make_grid(side)) for _ in range(threads)]
+    for number, one in enumerate(passes):
+        for group in tile_groups(height, width, number * CELL // 2 % CELL):
+
+            def work(worker: int, group: NDArray[np.int64] = group, one: Pass = one, number: int = number) -> None:
+                desk, grid = memory[worker]
+                mine = np.ascontiguousarray(group[worker::threads])
+                seeds = seed * 1000 + number
+                run_tiles(
+                    mine, one.way, one.planes, one.cut, least_gain, seeds, disparity, usable, view, state, desk, grid
+                )
+
+            share(work, range(threads), threads)
+
+
+def disparity_of(planes: FloatImage) -> FloatImage:
+    """The map of a labelling, px."""
+    disparity = np.empty((planes.shape[1], planes.shape[2]), np.float32)
+    disparities(planes, 0, disparity.shape[0], disparity)
+    return disparity

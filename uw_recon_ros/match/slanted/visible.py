@@ -1,0 +1,121 @@
+"""What both eyes see: left/right check, why a pixel has no match, and how sure a disparity is."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from uw_recon_ros.jit import kernel
+from uw_recon_ros.types import ByteImage, FloatImage, Status
+
+AGREE = 1.5  #: the views' disparities may differ by this, px
+_OCCLUDED, _OUTSIDE, _INCONSISTENT = int(Status.OCCLUDED), int(Status.OUTSIDE), int(Status.INCONSISTENT)
+ISLAND = 30  #: fewest pixels that hold a surface, px^2
+SURE, VAGUE = 0.12, 60.0  #: sigma where the cost is sharp, px; and what adds to it where its curvature is low
+
+
+@kernel
+def check(
+    disparity: FloatImage, right: FloatImage, low: int, high: int, first: int, last: int, status: ByteImage
+) -> None:
+    """Write `Status` bits of rows `first` to `last`: does the right view, where a pixel is seen, say the same?
+
+    A pixel that the views disagree about is occluded where no disparity at all would satisfy both (Hirschmueller,
+    2008), else inconsistent.
+    """
+    width = disparity.shape[1]
+    for v in range(first, last):
+        for u in range(width):
+            at = np.float32(u) - disparity[v, u]
+            if at < -0.5 or at > np.float32(width) - np.float32(0.5):
+                status[v, u] = _OUTSIDE
+                continue
+            column = int(np.floor(at))
+            agrees = False
+            for x in range(max(column, 0), min(column + 2, width)):
+                agrees |= abs(right[v, x] - disparity[v, u]) <= AGREE
+            if agrees:
+                status[v, u] = 0
+                continue
+            status[v, u] = _OCCLUDED
+            for x in range(max(u - high, 0), min(u - low + 1, width)):
+                if abs(right[v, x] - np.float32(u - x)) <= 1:
+                    status[v, u] = _INCONSISTENT
+
+
+@kernel
+def contest(disparity: FloatImage, costs: FloatImage, first: int, last: int, status: ByteImage) -> None:
+    """Write `Status` bits of rows `first` to `last`: a pixel of the right view belongs to one surface of the left view.
+
+    Where pixels of the left view that lie more than a pixel of disparity apart fall onto the same pixel of the right
+    view, the one with the least cost has it; the others are occluded. (Uniqueness, as in the reference energy. A nearer
+    surface need not win: what bulges over its edge has no match and costs more than what is really seen there.)
+    """
+    width = disparity.shape[1]
+    owner_cost, owner = np.empty(width, np.float32), np.empty(width, np.float32)
+    for v in range(first, last):
+        owner_cost[:] = np.inf
+        for u in range(width):
+            x = int(np.floor(np.float32(u) - disparity[v, u] + np.float32(0.5)))
+            if 0 <= x < width and costs[v, u] < owner_cost[x]:
+                owner_cost[x], owner[x] = costs[v, u], disparity[v, u]
+        for u in range(width):
+            at = np.float32(u) - disparity[v, u]
+            if at < -0.5 or at > np.float32(width) - np.float32(0.5):
+                status[v, u] = _OUTSIDE
+                continue
+            status[v, u] = 0
+            column = int(np.floor(at))
+            for x in range(max(column, 0), min(column + 2, width)):
+                if owner_cost[x] < costs[v, u] and abs(owner[x] - disparity[v, u]) > 1:
+                    status[v, u] = _OCCLUDED
+
+
+def drop_islands(disparity: FloatImage, status: ByteImage) -> None:
+    """Mark as inconsistent what is valid in patches of less than `ISLAND` px, a step of 1 px ending a patch."""
+    valid = status == 0
+    if not valid.any():
+        return
+    lowest = disparity[valid].min()
+    # filterSpeckles counts in 16-bit integers
+    scale = min(16.0, 30000.0 / max(float(disparity[valid].max() - lowest), 1.0))
+    levels = np.where(valid, np.round((disparity - lowest) * scale), -1).astype(np.int16)
+    cv2.filterSpeckles(levels, -1, ISLAND, int(scale))
+    status[valid & (levels < 0)] = _INCONSISTENT
+
+
+def fill_background(disparity: FloatImage) -> FloatImage:
+    """Give pixels without a disparity the smaller of their nearest neighbours on the row, else the median of all."""
+    filled = np.asarray(disparity.copy())
+    _fill_rows(filled)
+    known = np.isfinite(filled)
+    if not known.all():
+        filled[~known] = np.median(filled[known]) if known.any() else 0
+    return filled
+
+
+@kernel
+def _fill_rows(disparity: FloatImage) -> None:
+    height, width = disparity.shape
+    for v in range(height):
+        u = 0
+        while u < width:
+            if np.isfinite(disparity[v, u]):
+                u += 1
+                continue
+            end = u
+            while end < width and not np.isfinite(disparity[v, end]):
+                end += 1
+            value = np.float32(np.inf)
+            if u > 0:
+                value = min(value, disparity[v, u - 1])
+            if end < width:
+                value = min(value, disparity[v, end])
+            for x in range(u, end):
+                disparity[v, x] = value if np.isfinite(value) else np.float32(np.nan)
+            u = end
+
+
+def sigma_of(curvature: FloatImage) -> FloatImage:
+    """Standard deviation, px, from how sharply the aggregated cost rises beside its least value."""
+    return np.asarray(np.float32(SURE) + np.float32(VAGUE) / (np.maximum(curvature, 0) + np.float32(30)))
