@@ -72,8 +72,9 @@ def test_a_file_for_all_nodes_and_a_misspelt_name(graph: Any, tmp_path: Path) ->
     assert "lock_frames" not in node.output
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["SIGINT", "SIGTERM"])
-@pytest.mark.parametrize("name", STAGE_NODES)
+@pytest.mark.parametrize(
+    ("name", "number"), [*((name, signal.SIGINT) for name in STAGE_NODES), ("disparity_node", signal.SIGTERM)]
+)
 def test_an_idle_node_ends_well(graph: Any, name: str, number: int) -> None:
     node = graph.start(name)
     graph.ready(name)

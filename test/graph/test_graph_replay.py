@@ -125,8 +125,11 @@ def same(got: dict[str, Any], expected: Result) -> None:
         np.testing.assert_allclose(depth, expected.depth.depth, rtol=1e-6)
 
 
-@pytest.mark.parametrize("nodes", [FOUR, ("pipeline_node",)], ids=["four nodes", "pipeline_node"])
-@pytest.mark.parametrize("rig", ["calibrated", "vertical", "uncalibrated"])
+@pytest.mark.parametrize(
+    ("nodes", "rig"),
+    [(FOUR, "calibrated"), (FOUR, "vertical"), (FOUR, "uncalibrated"), (("pipeline_node",), "calibrated")],
+    ids=["calibrated", "vertical", "uncalibrated", "pipeline_node"],
+)
 def test_the_graph_makes_what_the_offline_pipeline_makes(
     graph: Any, tmp_path: Path, nodes: tuple[str, ...], rig: str
 ) -> None:

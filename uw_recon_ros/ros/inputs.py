@@ -13,7 +13,9 @@ from uw_recon_ros.ros.assembly import Assembler, Group
 from uw_recon_ros.ros.diagnostics import Diagnostics
 from uw_recon_ros.ros.messages import stamp_ns
 from uw_recon_ros.ros.qos import ReliableFirst
-from uw_recon_ros.ros.stalls import why_silent, why_unpaired
+from uw_recon_ros.ros.stalls import in_one_line, why_silent, why_unpaired
+
+_PATIENCE = 3  # gaps between messages without one, before a slow topic counts as silent
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,14 @@ class _Line:
     source: Source
     subscription: ReliableFirst
     since: float = field(default_factory=time.monotonic)
+    gap: float = 0.0
     last_stamp: int | None = None
+
+    def received(self, stamp: int) -> None:
+        """Note a message; `gap` is the time since the one before."""
+        now = time.monotonic()
+        self.gap = now - self.since if self.last_stamp is not None else 0.0
+        self.since, self.last_stamp = now, stamp
 
 
 class Inputs:
@@ -109,7 +118,8 @@ class Inputs:
         for name in list(self._lines):
             self._close(name)
         self.assembler.reset()
-        self._diagnostics.problem("unpaired", None)
+        for key in ("silent", "unpaired"):
+            self._diagnostics.problem(key, None)
 
     def refresh(self) -> None:
         """Look again at who publishes what; cheap, called on every change and a few times a second."""
@@ -156,18 +166,18 @@ class Inputs:
         line = self._lines.pop(name, None)
         if line is not None:
             line.subscription.destroy()
-            self._diagnostics.problem(f"silent {name}", None)
 
     def _receive(self, wanted: Input, source: Source, message: Any) -> None:
         line = self._lines.get(wanted.name)
         if line is None or line.source != source:  # still in the queue of a subscription just given up
             return
         self._diagnostics.count(f"in {source.topic}")
-        line.since, line.last_stamp = time.monotonic(), stamp_ns(message)
+        stamp = stamp_ns(message)
+        line.received(stamp)
         if wanted.role == "latest":
             self.assembler.set_latest(wanted.name, message)
         else:
-            self.assembler.push(wanted.name, line.last_stamp, message, _size(message))
+            self.assembler.push(wanted.name, stamp, message, _size(message))
 
     def _deliver(self, group: Group) -> None:
         self._last_group = time.monotonic()
@@ -176,17 +186,17 @@ class Inputs:
 
     def _look_for_stalls(self) -> None:
         now = time.monotonic()
-        silent = False
-        for wanted in self._inputs:
-            line = self._lines.get(wanted.name)
-            text = None
-            if line is not None and now - line.since > self.stall_s:
-                alternatives = [source.topic for source in wanted.sources if self.accepts(source)]
-                text = why_silent(self._node, line.source.topic, alternatives, required=wanted.role == "paired")
-            silent |= text is not None
-            self._diagnostics.problem(f"silent {wanted.name}", text)
-        apart = not silent and now - self._last_group > self.stall_s
+        silent = in_one_line(filter(None, (self._why_silent(wanted, now) for wanted in self._inputs)))
+        apart = silent is None and now - self._last_group > self.stall_s
+        self._diagnostics.problem("silent", silent)
         self._diagnostics.problem("unpaired", self._why_unpaired() if apart else None)
+
+    def _why_silent(self, wanted: Input, now: float) -> tuple[str, str] | None:
+        line = self._lines.get(wanted.name)
+        if line is None or now - line.since <= max(self.stall_s, _PATIENCE * line.gap):
+            return None
+        alternatives = [source.topic for source in wanted.sources if self.accepts(source)]
+        return why_silent(self._node, line.source.topic, alternatives, required=wanted.role == "paired")
 
     def _why_unpaired(self) -> str | None:
         if self.assembler.awaited:

@@ -47,8 +47,8 @@ def until_shutdown() -> Iterator[None]:
         yield
     except (KeyboardInterrupt, ExternalShutdownException, ROSInterruptException):
         pass
-    except Exception:
-        if rclpy.ok():  # else a signal took the context away, and whatever was under way failed for that
+    except RuntimeError:  # RCLError, InvalidHandle
+        if rclpy.ok():  # else a signal took the context away from what was under way
             raise
     finally:
         signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from rclpy.node import Node
 
 
-def why_silent(node: Node, topic: str, alternatives: Sequence[str], *, required: bool) -> str | None:
+def why_silent(node: Node, topic: str, alternatives: Sequence[str], *, required: bool) -> tuple[str, str] | None:
     """Explain why `topic` brings no messages.
 
     Parameters
@@ -23,16 +23,28 @@ def why_silent(node: Node, topic: str, alternatives: Sequence[str], *, required:
 
     Returns
     -------
-    str or None
-        None: nobody publishes it, and nobody needs to.
+    (str, str) or None
+        What is waited for, and why it does not come. None: nobody publishes it, and nobody needs to.
     """
     resolved = node.resolve_topic_name(topic)
     publishers = node.get_publishers_info_by_topic(resolved)
     if publishers:
-        return f"waiting for {resolved}: {_disagreement(node, resolved, publishers) or 'a publisher, but no messages'}"
+        return resolved, _disagreement(node, resolved, publishers) or "a publisher, but no messages"
     if not required:
         return None
-    return f"waiting for {' or '.join(node.resolve_topic_name(name) for name in alternatives)}: no publisher"
+    return " or ".join(node.resolve_topic_name(name) for name in alternatives), "no publisher"
+
+
+def in_one_line(reasons: Iterable[tuple[str, str]]) -> str | None:
+    """Join what `why_silent` said of several topics, those of one reason together; None where it said nothing."""
+    topics: dict[str, list[str]] = {}
+    for topic, reason in reasons:
+        topics.setdefault(reason, []).append(topic)
+    return (
+        "waiting for " + "; ".join(f"{', '.join(names)}: {reason}" for reason, names in topics.items())
+        if topics
+        else None
+    )
 
 
 def _disagreement(node: Node, topic: str, publishers: Sequence[Any]) -> str | None:
