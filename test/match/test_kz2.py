@@ -120,8 +120,12 @@ def test_caller_is_told_what_is_wrong() -> None:
     image = texture(1, 8, 9)
     with pytest.raises(ValueError, match=r"right: expected the left image's shape \(8, 9, 3\), got \(8, 8, 3\)"):
         kz2(image, image[:, :8], 0, 3)
-    with pytest.raises(ValueError, match="max_disparity: expected at least min_disparity = 3, got 2"):
+    with pytest.raises(ValueError, match="expected an ascending range within 16384 px of zero, got 3 to 2"):
         kz2(image, image, 3, 2)
+    with pytest.raises(ValueError, match="sweeps: expected at least 1, got 0"):
+        kz2(image, image, 0, 3, sweeps=0)
+    with pytest.raises(ValueError, match="smoothness: expected 0 to 10000, got -1"):
+        kz2(image, image, 0, 3, smoothness=-1)
     with pytest.raises(ValueError, match="expected uint8, got float64"):
         kz2(image.astype(float), image, 0, 3)
     with pytest.raises(ValueError, match=r"expected \(H, W\) or \(H, W, 3\), got \(0, 9, 3\)"):

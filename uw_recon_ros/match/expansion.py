@@ -19,7 +19,8 @@ from uw_recon_ros.match.mincut import push_relabel
 from uw_recon_ros.match.tiles import make_tiles, most_runs, note_changes, open_tiles
 
 _BASE = 64  # tags of a move: its number times this + height
-_LEAST_BAND = 24  # rows: smaller bands are not worth a thread
+_LEAST_BAND = 24  # rows: smaller bands are not worth their seams
+_BANDS_A_THREAD = 2  # bands are unlike: whoever is through with an easy one takes another
 
 
 class Expansion:
@@ -131,6 +132,6 @@ def _solve(
 
 def _make_bands(height: int, width: int, threads: int) -> list[tuple[int, int]]:
     """First and one past the last pixel of each band of rows."""
-    count = max(1, min(threads, height // _LEAST_BAND))
+    count = max(1, min(_BANDS_A_THREAD * threads, height // _LEAST_BAND)) if threads > 1 else 1
     rows = [height * index // count for index in range(count + 1)]
     return [(first * width, stop * width) for first, stop in pairwise(rows)]

@@ -17,6 +17,8 @@ from uw_recon_ros.match.expansion import Expansion
 from uw_recon_ros.types import ByteImage, FloatImage, Mask
 
 SMOOTHNESS_OF_OCCLUSION = 0.2  #: lambda / K, where lambda is not given
+_WIDEST = 16384  # px: labels are 16-bit integers
+_DEAREST = 1e4  # squared gray levels: capacities are 32-bit integers
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +111,8 @@ def kz2(
     V. Kolmogorov and R. Zabih, "Computing visual correspondence with occlusions using graph cuts", ICCV 2001;
     "Multi-camera scene reconstruction via graph cuts", ECCV 2002.
     """
-    _check(left, right, min_disparity, max_disparity)
+    _check_images(left, right)
+    _check_numbers(min_disparity, max_disparity, sweeps, occlusion_cost, smoothness, threads)
     left_view, right_view = make_view(left), make_view(right)
     if occlusion_cost == 0:
         occlusion_cost = automatic_occlusion_cost(left_view, right_view, min_disparity, max_disparity)
@@ -131,12 +134,26 @@ def _labels(order: np.random.RandomState, min_disparity: int, max_disparity: int
     return labels
 
 
-def _check(left: ByteImage, right: ByteImage, min_disparity: int, max_disparity: int) -> None:
+def _check_images(left: ByteImage, right: ByteImage) -> None:
     if left.shape != right.shape:
         raise ValueError(f"right: expected the left image's shape {left.shape}, got {right.shape}")
     if left.dtype != np.uint8 or right.dtype != np.uint8:
         raise ValueError(f"left, right: expected uint8, got {left.dtype}, {right.dtype}")
     if left.ndim not in (2, 3) or (left.ndim == 3 and left.shape[2] != 3) or left.size == 0:
         raise ValueError(f"left, right: expected (H, W) or (H, W, 3), got {left.shape}")
-    if max_disparity < min_disparity:
-        raise ValueError(f"max_disparity: expected at least min_disparity = {min_disparity}, got {max_disparity}")
+
+
+def _check_numbers(
+    min_disparity: int, max_disparity: int, sweeps: int, occlusion_cost: float, smoothness: float, threads: int
+) -> None:
+    if not -_WIDEST <= min_disparity <= max_disparity <= _WIDEST:
+        raise ValueError(
+            f"min_disparity, max_disparity: expected an ascending range within {_WIDEST} px of zero,"
+            f" got {min_disparity} to {max_disparity}"
+        )
+    for name, count in (("sweeps", sweeps), ("threads", threads)):
+        if count < 1:
+            raise ValueError(f"{name}: expected at least 1, got {count}")
+    for name, cost in (("occlusion_cost", occlusion_cost), ("smoothness", smoothness)):
+        if not 0 <= cost <= _DEAREST:
+            raise ValueError(f"{name}: expected 0 to {_DEAREST:g}, got {cost}")
