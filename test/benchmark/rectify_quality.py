@@ -170,7 +170,8 @@ def prior(count: int) -> None:
             middle, high = np.quantile(values, [0.5, 0.9], axis=0)
             print(
                 f"    rig_prior_weight {weight:5.2f}: rows {middle[0]:.3f} / {high[0]:.3f}   focal "
-                f"{100 * middle[1]:5.1f} / {100 * high[1]:5.1f}   infinity {100 * middle[2]:5.1f} / {100 * high[2]:5.1f}"
+                f"{100 * middle[1]:5.1f} / {100 * high[1]:5.1f}   infinity {100 * middle[2]:5.1f} / "
+                f"{100 * high[2]:5.1f}"
             )
 
 

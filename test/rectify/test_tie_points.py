@@ -6,8 +6,9 @@ from rig_scenes import enhanced, make_rig, render
 
 from uw_recon_ros.errors import EstimationError
 from uw_recon_ros.rectify import RectifyParams, TiePoints, find_tie_points
+from uw_recon_ros.rectify.features import mutual_matches, spread
 from uw_recon_ros.rectify.sampson import sampson_distance
-from uw_recon_ros.rectify.tie_points import gathered, mutual_matches, spread, thinned, to_full_size
+from uw_recon_ros.rectify.tie_points import gathered, thinned, to_full_size
 
 RIG = make_rig(angles_deg=(1.0, -1.5, 2.0))
 PARAMS = RectifyParams()
@@ -68,6 +69,18 @@ def test_images_without_texture_are_refused_with_the_counts():
         EstimationError, match=r"at least 25 features an eye, got 0 left and 0 right: .*too little texture"
     ):
         find_tie_points(enhanced(gray, gray), PARAMS)
+
+
+def test_the_same_image_twice_has_tie_points(images):
+    points = find_tie_points(enhanced(images[0], images[0]), PARAMS)
+    np.testing.assert_allclose(points.left, points.right)
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 3), (8, 8, 3), (3, 200, 3)])
+def test_tiny_images_are_refused(shape):
+    image = np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8)
+    with pytest.raises(EstimationError, match="tie points: expected at least"):
+        find_tie_points(enhanced(image, image), PARAMS)
 
 
 def test_different_scenes_are_refused_with_the_counts(images):

@@ -77,14 +77,14 @@ def test_maps_are_the_views():
 
 
 @settings(derandomize=True, max_examples=8, deadline=None)
-@given(seed=st.integers(0, 10_000))
-def test_random_rigs(seed):
-    rig = random_rig(seed)
+@given(seed=st.integers(0, 10_000), vertical=st.booleans())
+def test_random_rigs(seed, vertical):
+    rig = random_rig(seed, vertical=vertical)
     points = tie_points(rig, 350, noise=0.3, seed=seed)
     found = estimate(points)
     fresh = tie_points_of(rig, scatter(rig, 300, 1.0, 3.0, seed=seed + 1))
     assert rms(found.row_errors(fresh)) < 0.35
-    assert found.geometry.axis == "horizontal"
+    assert found.geometry.axis == ("vertical" if vertical else "horizontal")
     assert (found.parallax(fresh) > 0).all()
     for view in (found.left, found.right):
         shape = homography_distortion(view.homography, rig.width, rig.height)
@@ -194,6 +194,13 @@ def test_exchanged_eyes_are_refused(rig):
     with pytest.raises(EstimationError, match=r"exchanged eyes: .*got 100% of \d+ tie points negative") as caught:
         estimate(exchanged(tie_points(rig)))
     assert "give the left camera's image as the left one" in str(caught.value)
+
+
+def test_the_same_image_twice_is_refused():
+    points = tie_points(RIG)
+    same = TiePoints(points.left, points.left.copy(), points.width, points.height)
+    with pytest.raises(EstimationError, match=r"no parallax: expected disparities over 0.5 px, got up to 0.00 px"):
+        estimate(same)
 
 
 def test_forward_motion_is_refused():

@@ -75,7 +75,11 @@ class RectifyParams(Params):
         high=5.0,
     )
     row_error_limit_px: float = param(
-        2.0, "95th percentile of the row error over which a rectification is refused.", unit="px", low=0.1, high=50.0
+        2.0,
+        "Largest 95th percentile of the row error; over it a rectification is refused.",
+        unit="px",
+        low=0.1,
+        high=50.0,
     )
     aspect_limit: float = param(
         1.4, "Largest change of the aspect ratio by a rectifying homography; its inverse is the smallest.",

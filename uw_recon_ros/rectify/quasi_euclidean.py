@@ -19,10 +19,9 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from uw_recon_ros.rectify.sampson import homogeneous, sampson_jacobian, sampson_residuals
+from uw_recon_ros.rectify.unknowns import LOG3, fundamental_and_jacobian, rotation_about, rotations
 from uw_recon_ros.types import Matrix
 
-_U1_CROSS = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # eq. 11
-_LOG3 = np.log(3.0)
 _FOCAL_STARTS = np.linspace(-1.0, 1.0, 9)
 _RANDOM_RESTARTS = 6
 _COARSE_MATCHES = 300
@@ -64,59 +63,6 @@ class QuasiEuclidean:
     fundamental: Matrix
     cost_px2: float
     infinity_sigma_px: float
-
-
-def _rotation(axis: int, angle: float, derivative: bool = False) -> Matrix:
-    """Rotation about one axis, or its derivative by the angle."""
-    if derivative:
-        matrix = _rotation(axis, angle + np.pi / 2)
-        matrix[axis, axis] = 0.0
-        return matrix
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    matrix = np.eye(3)
-    matrix[i, i] = matrix[j, j] = np.cos(angle)
-    matrix[j, i] = np.sin(angle)
-    matrix[i, j] = -matrix[j, i]
-    return matrix
-
-
-def _chain(x: float, y: float, z: float) -> tuple[Matrix, list[Matrix]]:
-    """``R_x R_z R_y`` and its derivatives by x, y, z: rotations about x on the left drop out of eq. 15."""
-    about = [_rotation(axis, angle) for axis, angle in enumerate((x, y, z))]
-    slope = [_rotation(axis, angle, derivative=True) for axis, angle in enumerate((x, y, z))]
-    return about[0] @ about[2] @ about[1], [
-        slope[0] @ about[2] @ about[1],
-        about[0] @ about[2] @ slope[1],
-        about[0] @ slope[2] @ about[1],
-    ]
-
-
-def rotations(unknowns: Matrix) -> tuple[Matrix, Matrix]:
-    """Left and right rotation of the unknowns (y_l, z_l, x_r, y_r, z_r, alpha')."""
-    y_l, z_l, x_r, y_r, z_r = unknowns[:5]
-    return _chain(0.0, y_l, z_l)[0], _chain(x_r, y_r, z_r)[0]
-
-
-def fundamental_and_jacobian(unknowns: Matrix) -> tuple[Matrix, Matrix]:
-    """Eq. 15 for pixels centred and divided by ``w + h``, and its derivative.
-
-    Returns
-    -------
-    fundamental : (3, 3) float64
-    jacobian : (9, 6) float64
-        Rows in the order of ``fundamental.ravel()``.
-    """
-    y_l, z_l, x_r, y_r, z_r, alpha = unknowns
-    focal = 3.0 ** np.clip(alpha, -20.0, 20.0)  # a wild step must not overflow
-    k, dk = np.diag([1.0, 1.0, focal]), np.diag([0.0, 0.0, _LOG3 * focal])  # K^-1 times the focal length
-    left, left_slopes = _chain(0.0, y_l, z_l)
-    right, right_slopes = _chain(x_r, y_r, z_r)
-    essential = right.T @ _U1_CROSS @ left
-    by_left = [k @ right.T @ _U1_CROSS @ slope @ k for slope in left_slopes[1:]]
-    by_right = [k @ slope.T @ _U1_CROSS @ left @ k for slope in right_slopes]
-    by_focal = dk @ essential @ k + k @ essential @ dk
-    jacobian = np.stack([d.ravel() for d in (*by_left, *by_right, by_focal)], axis=1)
-    return k @ essential @ k, jacobian
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,7 +195,7 @@ def fit_quasi_euclidean(
         raise ValueError(f"left, right: expected shapes (N, 2), N >= 6, got {left.shape} and {right.shape}")
     unit, center = float(width + height), np.array([(width - 1) / 2, (height - 1) / 2])
     normal_left, normal_right = (homogeneous((np.asarray(p, np.float64) - center) / unit) for p in (left, right))
-    alpha = 0.0 if focal_px is None else float(np.log(focal_px / unit) / _LOG3)
+    alpha = 0.0 if focal_px is None else float(np.log(focal_px / unit) / LOG3)
     fixed_focal = _problem(normal_left, normal_right, unit, prior_weight, alpha)
     if focal_px is None:
         free_focal = _problem(normal_left, normal_right, unit, prior_weight, None)
@@ -261,7 +207,7 @@ def fit_quasi_euclidean(
 
 def _in_pixels(problem: _Problem, solution: _Solution, unit: float, center: Matrix) -> QuasiEuclidean:
     rotation_left, rotation_right = rotations(solution.unknowns)
-    half = _rotation(0, -solution.unknowns[2] / 2)  # both may turn about the baseline: share the right one's turn
+    half = rotation_about(0, -solution.unknowns[2] / 2)  # both may turn about the baseline: share the right one's turn
     focal = float(3.0 ** solution.unknowns[5]) * unit
     to_normal = np.array([[1 / unit, 0, -center[0] / unit], [0, 1 / unit, -center[1] / unit], [0, 0, 1.0]])
     fundamental = to_normal.T @ fundamental_and_jacobian(solution.unknowns)[0] @ to_normal

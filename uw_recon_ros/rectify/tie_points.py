@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.errors import EstimationError
 from uw_recon_ros.images import to_gray
+from uw_recon_ros.rectify.features import find_features, mutual_matches, spread
 from uw_recon_ros.rectify.fundamental import robust_inliers
 from uw_recon_ros.rectify.params import RectifyParams
-from uw_recon_ros.types import ByteImage, EnhancedPair, FloatImage, Matrix
+from uw_recon_ros.types import ByteImage, EnhancedPair, Matrix
 
-_CELLS = 8  # the image is divided into 8 x 8 parts that share the features evenly
-_CHUNK = 256  # rows of the similarity matrix held at a time
 _TAIL = 0.05
 _MARGIN_PX = 20.0
 _INLIER_SHARE = 0.25  # unrelated images reach about a tenth
@@ -55,97 +54,6 @@ class TiePoints:
     def transposed(self) -> TiePoints:
         """Rows and columns exchanged: a vertical rig becomes a horizontal one."""
         return TiePoints(self.left[:, ::-1], self.right[:, ::-1], self.height, self.width)
-
-
-def _cell_ranks(points: Matrix, order: NDArray[np.int64], width: int, height: int) -> NDArray[np.int64]:
-    """Position of every point within its own part of the image, counted along `order`."""
-    column = np.clip(points[:, 0] * _CELLS // max(width, 1), 0, _CELLS - 1)
-    row = np.clip(points[:, 1] * _CELLS // max(height, 1), 0, _CELLS - 1)
-    cell = (row * _CELLS + column).astype(np.int64)[order]
-    by_cell = np.argsort(cell, kind="stable")
-    starts = np.searchsorted(cell[by_cell], np.arange(_CELLS * _CELLS))
-    ranks = np.empty(len(points), np.int64)
-    ranks[order[by_cell]] = np.arange(len(points)) - starts[cell[by_cell]]
-    return ranks
-
-
-def spread(points: Matrix, priority: Matrix, count: int, width: int, height: int) -> NDArray[np.int64]:
-    """Choose points evenly over the image: every part gives its best, then its second best, and so on.
-
-    Parameters
-    ----------
-    points : (N, 2) float64
-        px.
-    priority : (N,) float64
-        Larger is better.
-    count : int
-        How many to choose at most.
-    width, height : int
-        Size of the image, px.
-
-    Returns
-    -------
-    (M,) int64
-        Ascending indices, ``M = min(N, count)``.
-    """
-    order = np.argsort(-priority, kind="stable")
-    ranks = _cell_ranks(points, order, width, height)
-    position = np.empty(len(points), np.int64)
-    position[order] = np.arange(len(points))
-    return np.sort(np.lexsort((position, ranks))[:count])
-
-
-def _features(gray: ByteImage, params: RectifyParams) -> tuple[Matrix, FloatImage]:
-    """SIFT key points and RootSIFT descriptors (Arandjelovic and Zisserman 2012)."""
-    sift = cv2.SIFT.create(contrastThreshold=params.tie_contrast)
-    found = sift.detect(gray, None)
-    if not found:
-        return np.zeros((0, 2)), np.zeros((0, 128), np.float32)
-    points = np.array([k.pt for k in found], np.float64)
-    strength = np.array([k.response for k in found])
-    kept = spread(points, strength, params.tie_features, gray.shape[1], gray.shape[0])
-    described, descriptors = sift.compute(gray, [found[i] for i in kept])
-    if not described:
-        return np.zeros((0, 2)), np.zeros((0, 128), np.float32)
-    descriptors /= np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-9)
-    return np.array([k.pt for k in described], np.float64), np.sqrt(descriptors)
-
-
-def _two_best(similarity: FloatImage) -> tuple[NDArray[np.int64], FloatImage]:
-    """Column of the largest entry of every row, and the two largest; overwrites its argument."""
-    best, rows = similarity.argmax(axis=1), np.arange(len(similarity))
-    first = similarity[rows, best]
-    similarity[rows, best] = -np.inf
-    return best, np.stack([first, similarity.max(axis=1)])
-
-
-def mutual_matches(left: FloatImage, right: FloatImage, ratio: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Pairs of unit descriptors that prefer each other, clearly.
-
-    Parameters
-    ----------
-    left, right : (N, D), (M, D) float32
-        Rows of length 1.
-    ratio : float
-        Largest ratio of the best distance to the second best (Lowe 2004).
-
-    Returns
-    -------
-    (K,) int64, (K,) int64
-        Indices into `left` and `right`.
-    """
-    if len(left) < 2 or len(right) < 2:
-        return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    best = np.empty(len(left), np.int64)
-    two = np.empty((2, len(left)), np.float32)
-    for start in range(0, len(left), _CHUNK):
-        part = slice(start, start + _CHUNK)
-        best[part], two[:, part] = _two_best(left[part] @ right.T)
-    distance, runner_up = np.sqrt(np.maximum(2 - 2 * two, 0))
-    clear = np.flatnonzero(distance <= ratio * runner_up)
-    back = (right[best[clear]] @ left.T).argmax(axis=1)
-    kept = clear[back == clear]
-    return kept, best[kept]
 
 
 def _reduced(image: ByteImage, longest_side: int) -> tuple[ByteImage, float]:
@@ -188,7 +96,9 @@ def find_tie_points(pair: EnhancedPair, params: RectifyParams, *, longest_side: 
     """
     side = longest_side or params.tie_image_side
     (left, scale), (right, _) = _reduced(pair.left, side), _reduced(pair.right, side)
-    (points_left, descriptors_left), (points_right, descriptors_right) = (_features(g, params) for g in (left, right))
+    (points_left, descriptors_left), (points_right, descriptors_right) = (
+        find_features(g, params) for g in (left, right)
+    )
     if min(len(points_left), len(points_right)) < params.tie_points_min:
         raise EstimationError(
             f"tie points: expected at least {params.tie_points_min} features an eye, got {len(points_left)} left and "

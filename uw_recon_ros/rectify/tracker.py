@@ -7,9 +7,10 @@ from dataclasses import replace
 from typing import Protocol
 
 from uw_recon_ros.errors import CalibrationError, EstimationError, ImageError
-from uw_recon_ros.rectify.calibrated import has_baseline, judged, rectification_from_calibration
+from uw_recon_ros.rectify.calibrated import judged, rectification_from_calibration
 from uw_recon_ros.rectify.params import RectifyParams
 from uw_recon_ros.rectify.rectification import Rectification, row_statistics
+from uw_recon_ros.rectify.stereo_info import has_baseline
 from uw_recon_ros.rectify.tie_points import TiePoints, find_tie_points, gathered
 from uw_recon_ros.rectify.uncalibrated import estimate_rectification
 from uw_recon_ros.types import CameraModel, EnhancedPair, StereoCalibration

@@ -9,10 +9,10 @@ import numpy as np
 from uw_recon_ros.errors import EstimationError
 from uw_recon_ros.rectify.candidate import Candidate, came_rectified, choose_axis
 from uw_recon_ros.rectify.fundamental import fit_fundamental
-from uw_recon_ros.rectify.infinity import baseline_side, infinity_shift
 from uw_recon_ros.rectify.params import RectifyParams
 from uw_recon_ros.rectify.quality import flatness_warnings, forward_motion, refusals
 from uw_recon_ros.rectify.rectification import Rectification, row_statistics
+from uw_recon_ros.rectify.sides import sided
 from uw_recon_ros.rectify.tie_points import TiePoints, thinned
 from uw_recon_ros.rectify.views import View
 from uw_recon_ros.rectify.warp import inner_windows, make_canvas, swapped_map, swapped_window, warped_centre
@@ -114,31 +114,6 @@ def _warped(candidate: Candidate, views: tuple[View, View], params: RectifyParam
     )  # fmt: skip
 
 
-def _exchanged(parallax: Matrix, raw: Matrix) -> EstimationError:
-    low, high = np.quantile(parallax, [0.05, 0.95])
-    return EstimationError(
-        f"exchanged eyes: expected positive disparities, got {(parallax < 0).mean():.0%} of {len(parallax)} tie points "
-        f"negative ({low:.0f} to {high:.0f} px; raw images: median {np.median(raw):.0f} px): give the left camera's "
-        "image as the left one, or turn both images by 180 degrees if the rig hung upside down"
-    )
-
-
-def _sided(rectification: Rectification, candidate: Candidate) -> tuple[Rectification, tuple[str, ...]]:
-    """Settle the baseline's sign and the plane at infinity; see `infinity`."""
-    points, geometry = candidate.everything, rectification.geometry
-    parallax, raw = rectification.parallax(points), points.left[:, 0] - points.right[:, 0]
-    side = baseline_side(parallax, raw, candidate.fit.infinity_sigma_px, candidate.axis)
-    if side < 0 and candidate.axis == "horizontal":
-        raise _exchanged(parallax, raw)
-    baseline = None if geometry.baseline_m is None else side * geometry.baseline_m
-    shift = infinity_shift(side * parallax)
-    geometry = replace(geometry, baseline_sign=side, baseline_m=baseline, cx_right=geometry.cx_right + side * shift)
-    moved = f"the plane at infinity was moved by {shift:.1f} px to have all tie points in front of the rig"
-    if geometry.metric:
-        moved += ": metres are not to be trusted"
-    return replace(rectification, geometry=geometry), (moved,) if shift > 0 else ()
-
-
 def _judged(
     rectification: Rectification, candidate: Candidate, warnings: tuple[str, ...], params: RectifyParams
 ) -> Rectification:
@@ -206,5 +181,5 @@ def estimate_rectification(tie_points: TiePoints, params: RectifyParams) -> Rect
         rectification = _as_given(candidate, params)
     else:
         rectification = _warped(candidate, _sound_views(candidate, params), params)
-    rectification, warnings = _sided(rectification, candidate)
+    rectification, warnings = sided(rectification, candidate)
     return _upright(_judged(rectification, candidate, warnings, params), candidate.axis)
