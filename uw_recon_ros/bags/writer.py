@@ -9,9 +9,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Final
 
+import zstandard
 from numpy.typing import NDArray
 from rosbags.interfaces import Connection, Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.rosbag2.storage_mcap import McapWriter
 
 from uw_recon_ros.bags import messages
 from uw_recon_ros.bags.model import QosProfile, RawMessage
@@ -31,6 +33,8 @@ class BagWriter:
         Folder to make; with the suffix ``.mcap`` a bare file.
     overwrite : bool
         Whether to replace a bag that stands there. Anything else that stands there is never replaced.
+    level : int
+        zstd's, 1 to 22: 3 is fast, 19 makes images a tenth smaller in ten times the time.
 
     Raises
     ------
@@ -38,7 +42,7 @@ class BagWriter:
         Something stands there already, or it cannot be written.
     """
 
-    def __init__(self, path: str | Path, *, overwrite: bool = False) -> None:
+    def __init__(self, path: str | Path, *, overwrite: bool = False, level: int = 3) -> None:
         self.path = Path(path)
         self._bare = self.path.suffix == ".mcap"
         _refuse_occupied(self.path, overwrite)
@@ -52,6 +56,8 @@ class BagWriter:
         self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         self._connections: dict[tuple[str, str], Connection] = {}
         self._writer.open()
+        if isinstance(self._writer.storage, McapWriter):
+            self._writer.storage.compressor = zstandard.ZstdCompressor(level=level).compress
 
     def raw(self, message: RawMessage, qos: Iterable[QosProfile] = (QosProfile(),)) -> None:
         """Write CDR bytes as they are; `qos` is recorded with a topic's first message."""

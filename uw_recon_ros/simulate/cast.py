@@ -105,26 +105,33 @@ def hit_seabed(
             continue
         gap = z - seabed_height(heights, grid, x, y)
         if gap < _NEWTON:
-            return _polish(heights, grid, ox, oy, oz, dx, dy, dz, t)
+            found = t if gap < _CLOSE else _newton(heights, grid, ox, oy, oz, dx, dy, dz, t)
+            if found >= t:
+                sx, sy = seabed_slopes(heights, grid, ox + found * dx, oy + found * dy)
+                norm = math.sqrt(1.0 + sx * sx + sy * sy)
+                return found, -sx / norm, -sy / norm, 1.0 / norm
         t += min(stride, gap / (abs(dz) + blocks[row, column, 0] * flat))
     return math.inf, 0.0, 0.0, 0.0
 
 
 @kernel
-def _polish(
+def _newton(
     heights: Matrix, grid: Matrix, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, t: float
-) -> Hit:
-    """Newton's method from less than `_NEWTON` away, with the slope of the first step."""
+) -> float:
+    """Where a ray that is closer than `_NEWTON` meets the seabed; -1 where it only grazes it or does so later."""
     sx, sy = seabed_slopes(heights, grid, ox + t * dx, oy + t * dy)
-    speed = min(dz - sx * dx - sy * dy, -1e-3)
-    for _ in range(4):
-        step = (oz + t * dz - seabed_height(heights, grid, ox + t * dx, oy + t * dy)) / speed
-        t -= step
+    speed = dz - sx * dx - sy * dy
+    if speed > -0.02:
+        return -1.0
+    found = t
+    for _ in range(8):
+        step = (oz + found * dz - seabed_height(heights, grid, ox + found * dx, oy + found * dy)) / speed
+        found -= step
+        if abs(found - t) > 0.03:
+            return -1.0
         if abs(step) < _CLOSE:
-            break
-    sx, sy = seabed_slopes(heights, grid, ox + t * dx, oy + t * dy)
-    norm = math.sqrt(1.0 + sx * sx + sy * sy)
-    return t, -sx / norm, -sy / norm, 1.0 / norm
+            return found
+    return -1.0
 
 
 @kernel

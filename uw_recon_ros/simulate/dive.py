@@ -15,7 +15,7 @@ from uw_recon_ros.simulate.params import SimulateParams
 from uw_recon_ros.simulate.render import render
 from uw_recon_ros.simulate.rig import Pose, make_rig, pinhole_directions, pixel_directions, pose_at, project
 from uw_recon_ros.simulate.scene import make_scene
-from uw_recon_ros.simulate.sensor import expose, exposure_of
+from uw_recon_ros.simulate.sensor import expose, exposure_of, lens_blur
 from uw_recon_ros.simulate.water import attenuate, daylight_veil, forward_scatter, make_water
 from uw_recon_ros.types import ByteImage, FloatImage, Matrix, RawImage, Status, StereoCalibration, StereoGeometry
 
@@ -132,6 +132,7 @@ class Dive:
         if step == 1:
             light += lamps.lamp_glow(eye.glow, ranges)
             self._snow_into(light, eye, ranges, index)
+            return lens_blur(light, self.params.lens_blur_px)
         return light
 
     def _snow_into(self, light: FloatImage, eye: _Eye, ranges: Matrix, index: int) -> None:

@@ -25,7 +25,7 @@ def fade(t: float) -> float:
 @kernel
 def value_noise(x: float, y: float, z: float, seed: int) -> float:
     """Smooth noise of wavelength about 2 in [-1, 1]."""
-    ix, iy, iz = int(math.floor(x)), int(math.floor(y)), int(math.floor(z))
+    ix, iy, iz = math.floor(x), math.floor(y), math.floor(z)
     u, v, w = fade(x - ix), fade(y - iy), fade(z - iz)
     a = lattice(ix, iy, iz, seed) * (1.0 - u) + lattice(ix + 1, iy, iz, seed) * u
     b = lattice(ix, iy + 1, iz, seed) * (1.0 - u) + lattice(ix + 1, iy + 1, iz, seed) * u
@@ -81,7 +81,7 @@ def pebbles(x: float, y: float, cell: float, seed: int) -> tuple[float, float, f
     distance : float
         To the stone's rim in m, negative inside.
     """
-    ix, iy = int(math.floor(x / cell)), int(math.floor(y / cell))
+    ix, iy = math.floor(x / cell), math.floor(y / cell)
     nearest = 1e9
     best_tone = 0.0
     best_radius = cell

@@ -34,6 +34,7 @@ class SimulateParams(Params):
     baseline_m: float = param(0.12, "Distance between the cameras.", unit="m", low=0.005, high=2.0)
     misalignment_deg: float = param(0.7, "How crooked the cameras are mounted.", unit="deg", low=0.0, high=5.0)
     distortion: float = param(0.12, "Barrel distortion of the lenses, -k1.", low=0.0, high=0.3)
+    lens_blur_px: float = param(0.5, "Blur of lens and pixel, standard deviation.", unit="px", low=0.0, high=10.0)
     calibrated: bool = param(True, "Whether the bag tells the calibration.")
 
     water: str = param("3C", "Jerlov water type; clear is none at all.", choices=WATERS)

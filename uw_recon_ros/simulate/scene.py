@@ -64,15 +64,12 @@ def make_scene(params: SimulateParams) -> Scene:
 
 def _bounds(heights: Matrix) -> Matrix:
     """Slope and height of a B-spline are bounded by the differences and values of the coefficients it is made of."""
-    rows, columns = (size // BLOCK for size in heights.shape)
-    bounds = np.empty((rows, columns, 2))
-    for j in range(rows):
-        for i in range(columns):
-            part = heights[max(BLOCK * j - 1, 0) : BLOCK * j + BLOCK + 3, max(BLOCK * i - 1, 0) : BLOCK * i + BLOCK + 3]
-            steepest = [float(np.abs(np.diff(part, axis=axis)).max()) / _STEP for axis in (0, 1)]
-            bounds[j, i] = math.hypot(*steepest), part.max()
-    around: Matrix = maximum_filter(bounds, size=(3, 3, 1), mode="nearest")
-    return around
+    reach = 4 * BLOCK + 3  # three blocks and the spline's support on either side
+    along_x = np.abs(np.diff(heights, axis=1, append=heights[:, -1:]))
+    along_y = np.abs(np.diff(heights, axis=0, append=heights[-1:]))
+    slope = np.hypot(maximum_filter(along_x, reach), maximum_filter(along_y, reach)) / _STEP
+    bounds = np.stack([slope, maximum_filter(heights, reach)], axis=-1)
+    return np.ascontiguousarray(bounds[BLOCK // 2 :: BLOCK, BLOCK // 2 :: BLOCK])
 
 
 def _relief(name: str, rng: np.random.Generator) -> Matrix:

@@ -1,7 +1,8 @@
-"""From light to grey values: gain, noise, gamma, quantisation, and back."""
+"""From light to grey values: lens, gain, noise, gamma, quantisation, and back."""
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 
 from uw_recon_ros.types import FloatImage, RawImage
@@ -18,6 +19,13 @@ def to_light(image: RawImage) -> FloatImage:
     full = np.float32(np.iinfo(image.dtype).max)
     light: FloatImage = np.power(image.astype(np.float32) / full, np.float32(GAMMA))
     return light if image.ndim == 3 else np.repeat(light[..., None], 3, axis=2)
+
+
+def lens_blur(light: FloatImage, sigma_px: float) -> FloatImage:
+    """What lens and pixel do to any picture: a Gaussian blur."""
+    if sigma_px <= 0:
+        return light
+    return np.asarray(cv2.GaussianBlur(light, (0, 0), sigma_px, borderType=cv2.BORDER_REFLECT), np.float32)
 
 
 def exposure_of(light: FloatImage) -> float:

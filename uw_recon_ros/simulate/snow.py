@@ -15,7 +15,7 @@ from uw_recon_ros.types import FloatImage, Matrix
 
 _BOX_M = 2.4
 _AHEAD_M = 1.0  # middle of the box before the rig
-_NEAREST_M = 0.12
+_NEAREST_M = 0.20
 _DRIFT_M_S = (0.03, -0.015, -0.01)
 _ALBEDO = 0.75
 _RADIUS_M = 0.0010  # median
@@ -61,8 +61,8 @@ def _splat(
     rows, columns = ranges.shape
     for i in range(u.shape[0]):
         reach = 3.0 * sigma[i]
-        for y in range(max(0, int(math.ceil(v[i] - reach))), min(rows - 1, int(math.floor(v[i] + reach))) + 1):
-            for x in range(max(0, int(math.ceil(u[i] - reach))), min(columns - 1, int(math.floor(u[i] + reach))) + 1):
+        for y in range(max(0, math.ceil(v[i] - reach)), min(rows - 1, math.floor(v[i] + reach)) + 1):
+            for x in range(max(0, math.ceil(u[i] - reach)), min(columns - 1, math.floor(u[i] + reach)) + 1):
                 if ranges[y, x] <= z[i]:
                     continue
                 square = ((x - u[i]) ** 2 + (y - v[i]) ** 2) / (sigma[i] * sigma[i])

@@ -22,6 +22,7 @@ def simulate(
     params: SimulateParams,
     *,
     overwrite: bool = False,
+    level: int = 3,
     progress: Callable[[range], Iterable[int]] = iter,
 ) -> int:
     """Write a simulated dive.
@@ -38,6 +39,8 @@ def simulate(
     params : SimulateParams
     overwrite : bool
         Whether to replace a bag that stands there.
+    level : int
+        Of the zstd compression.
     progress : callable, optional
         Given the range of frame numbers, yields them one by one while it shows how far it is.
 
@@ -51,7 +54,7 @@ def simulate(
     BagError
         The name is taken, or it cannot be written.
     """
-    with BagWriter(path, overwrite=overwrite) as writer:
+    with BagWriter(path, overwrite=overwrite, level=level) as writer:
         dive = Dive(params)
         for index in progress(range(params.frames)):
             _write_frame(writer, dive.frame(index), dive.calibration, params.calibrated)
