@@ -25,7 +25,7 @@ def make_pair(axis: str = "horizontal", color: bool = True) -> RectifiedPair:
 
 
 def test_map_is_consistent_and_carries_the_head() -> None:
-    result = Match(MatchParams(min_disparity=0, max_disparity=12))(make_pair())
+    result = Match(MatchParams(method="kz2", min_disparity=0, max_disparity=12))(make_pair())
     valid = np.isfinite(result.disparity)
     assert result.disparity.dtype == result.sigma.dtype == np.float32
     assert result.status.dtype == np.uint8
@@ -38,7 +38,7 @@ def test_map_is_consistent_and_carries_the_head() -> None:
 
 
 def test_status_tells_hidden_from_out_of_view() -> None:
-    result = Match(MatchParams(max_disparity=12))(make_pair())
+    result = Match(MatchParams(method="kz2", max_disparity=12))(make_pair())
     assert (result.status[:, :3] == Status.OUTSIDE).mean() > 0.9
     hidden = result.status[17:43, 36:39]
     assert (hidden == Status.OCCLUDED).mean() > 0.8
@@ -47,7 +47,7 @@ def test_status_tells_hidden_from_out_of_view() -> None:
 
 @pytest.mark.parametrize("color", [False, True])
 def test_vertical_rig_is_the_transposed_horizontal_one(color: bool) -> None:
-    match = Match(MatchParams(max_disparity=12))
+    match = Match(MatchParams(method="kz2", max_disparity=12))
     lying, standing = match(make_pair(color=color)), match(make_pair("vertical", color))
     assert standing.disparity.shape == (100, 60)
     assert np.array_equal(standing.disparity.T, lying.disparity, equal_nan=True)
@@ -56,7 +56,7 @@ def test_vertical_rig_is_the_transposed_horizontal_one(color: bool) -> None:
 
 
 def test_range_is_found_when_none_is_given() -> None:
-    result = Match()(make_pair(color=False))
+    result = Match(MatchParams(method="kz2"))(make_pair(color=False))
     assert -8 <= result.min_disparity <= 4
     assert 9 <= result.max_disparity <= 20
 
@@ -70,7 +70,7 @@ def test_nothing_to_see() -> None:
 
 def test_windows_mask_what_shows_nothing() -> None:
     pair = dataclasses.replace(make_pair(), valid_left=Window(5, 2, 90, 50), valid_right=Window(20, 0, 80, 60))
-    result = Match(MatchParams(max_disparity=12))(pair)
+    result = Match(MatchParams(method="kz2", max_disparity=12))(pair)
     unseen = np.ones(result.status.shape, bool)
     unseen[2:52, 5:95] = False
     assert (result.status[unseen] == Status.UNSEEN).all()
@@ -80,9 +80,11 @@ def test_windows_mask_what_shows_nothing() -> None:
 
 
 def test_same_input_same_bits() -> None:
-    results = [Match(MatchParams(max_disparity=12, match_threads=threads))(make_pair()) for threads in (1, 2)]
+    results = [
+        Match(MatchParams(method="kz2", max_disparity=12, match_threads=threads))(make_pair()) for threads in (1, 2)
+    ]
     assert results[0].disparity.tobytes() == results[1].disparity.tobytes()
-    other = Match(MatchParams(max_disparity=12, match_seed=5))(make_pair())
+    other = Match(MatchParams(method="kz2", max_disparity=12, match_seed=5))(make_pair())
     assert other.energy == pytest.approx(results[0].energy, rel=0.01)
 
 
@@ -90,10 +92,12 @@ def test_costs_given_by_the_caller_are_used() -> None:
     pair = make_pair(color=False)
     noise = np.random.RandomState(2).normal(0, 20, pair.right_matching.shape)
     noisy = dataclasses.replace(pair, right_matching=np.clip(pair.right_matching + noise, 0, 255).astype(np.uint8))
-    cheap, dear = (Match(MatchParams(max_disparity=12, occlusion_cost=cost))(noisy) for cost in (10.0, 400.0))
+    cheap, dear = (
+        Match(MatchParams(method="kz2", max_disparity=12, occlusion_cost=cost))(noisy) for cost in (10.0, 400.0)
+    )
     assert cheap.density < dear.density - 0.05
     rough, even = (
-        Match(MatchParams(max_disparity=12, occlusion_cost=60.0, smoothness=smoothness))(noisy)
+        Match(MatchParams(method="kz2", max_disparity=12, occlusion_cost=60.0, smoothness=smoothness))(noisy)
         for smoothness in (1.0, 12.0)
     )
     steps = [np.nansum(np.abs(np.diff(result.disparity, axis=0)) > 0) for result in (rough, even)]
@@ -103,14 +107,14 @@ def test_costs_given_by_the_caller_are_used() -> None:
 def test_parameters_are_checked() -> None:
     with pytest.raises(ValueError, match="max_disparity: expected at least min_disparity = 9 px, got 3"):
         MatchParams(min_disparity=9, max_disparity=3)
-    with pytest.raises(ValueError, match="method: expected one of kz2"):
+    with pytest.raises(ValueError, match="method: expected one of graph_cut, kz2"):
         MatchParams(method="magic")
 
 
 def test_warm_up_leaves_nothing_to_compile() -> None:
     from uw_recon_ros.match.expansion import _solve
 
-    match = Match()
+    match = Match(MatchParams(method="kz2"))
     match.warm_up()
     compiled = len(_solve.signatures)
     match(make_pair())

@@ -5,12 +5,14 @@ Why it is built so, and what it was measured against, is told in the documentati
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_recon_ros.match.methods import EFFORTS
 from uw_recon_ros.match.slanted.census import comparison_planes
 from uw_recon_ros.match.slanted.moves import UNITS, Labelling, energy
 from uw_recon_ros.match.slanted.plane_cost import FORBIDDEN, QUARTERS, View
@@ -22,7 +24,7 @@ from uw_recon_ros.match.slanted.visible import check, contest, drop_islands, fil
 from uw_recon_ros.match.slanted.workers import bands, share
 from uw_recon_ros.types import ByteImage, FloatImage
 
-EFFORTS = ("navigation", "balanced", "quality")
+VOXEL_BYTES, MOST_BYTES = 5, 1.0e9  #: of the start's cost volume, and what it may take before images are made smaller
 SMOOTHNESS, BEND = 1.0, 2.0  #: energy of a step of 1 px between like neighbours; where it is cut, px
 
 
@@ -105,7 +107,7 @@ def graph_cut(
     _require(left, right, min_disparity, max_disparity, effort)
     eyes = _Eye.of(left), _Eye.of(right)
     limits = (min_disparity, max_disparity)
-    start = semiglobal_start(eyes[0].planes, eyes[1].planes, eyes[0].gray, eyes[1].gray, *limits, threads)
+    start = _start(left, right, limits, threads)
     status = _compare(start.disparity, start.right, limits, threads)
     schedule = SCHEDULES[effort]
     if not schedule.passes:
@@ -124,6 +126,31 @@ def _require(left: ByteImage, right: ByteImage, low: int, high: int, effort: str
         raise ValueError(f"min_disparity: expected at most max_disparity = {high}, got {low}")
     if effort not in EFFORTS:
         raise ValueError(f"effort: expected one of {', '.join(EFFORTS)}, got {effort!r}")
+
+
+def _start(left: ByteImage, right: ByteImage, limits: tuple[int, int], threads: int) -> Start:
+    """The semi-global start, of smaller images where the cost volume would not fit."""
+    height, width = left.shape[:2]
+    shrink = 1
+    while VOXEL_BYTES * height * width * (limits[1] - limits[0] + 1) / shrink**3 > MOST_BYTES:
+        shrink *= 2
+    small = [_Eye.of(_shrunk(image, shrink)) for image in (left, right)]
+    scale = width / small[0].gray.shape[1]
+    low, high = math.floor(limits[0] / scale), math.ceil(limits[1] / scale)
+    start = semiglobal_start(small[0].planes, small[1].planes, small[0].gray, small[1].gray, low, high, threads)
+    if shrink == 1:
+        return start
+    disparity, right_map, curvature = (
+        np.asarray(cv2.resize(a, (width, height), interpolation=cv2.INTER_NEAREST), np.float32) for a in start
+    )
+    return Start((disparity * scale).clip(*limits).astype(np.float32), right_map * np.float32(scale), curvature)
+
+
+def _shrunk(image: ByteImage, factor: int) -> ByteImage:
+    if factor == 1:
+        return image
+    size = max(image.shape[1] // factor, 1), max(image.shape[0] // factor, 1)
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
 @dataclass(frozen=True, eq=False)

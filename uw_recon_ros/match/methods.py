@@ -1,5 +1,6 @@
-"""Names of the matching methods, apart from the matchers: a command line's help need not wait for a compiler."""
+"""Names of the matching methods and efforts, apart from the matchers: help need not wait for a compiler."""
 
 from __future__ import annotations
 
-METHODS = ("kz2",)
+METHODS = ("graph_cut", "kz2")
+EFFORTS = ("navigation", "balanced", "quality")  #: of graph_cut

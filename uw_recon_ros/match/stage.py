@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from uw_recon_ros.match.disparity_range import find_disparity_range
-from uw_recon_ros.match.kz2 import Kz2Result, kz2
-from uw_recon_ros.match.methods import METHODS
+from uw_recon_ros.match.graph_cut import graph_cut
+from uw_recon_ros.match.kz2 import kz2
+from uw_recon_ros.match.methods import EFFORTS, METHODS
 from uw_recon_ros.match.status import explain
 from uw_recon_ros.params import Params, param
-from uw_recon_ros.types import ByteImage, DisparityMap, FloatImage, RectifiedPair
+from uw_recon_ros.types import ByteImage, DisparityMap, FloatImage, Mask, RectifiedPair, Status
 
 #: Standard deviation of a whole-pixel graph cut's disparity, px: rounding (0.29) and the stairs it makes of slanted
 #: surfaces; 0.37 to 0.56 on six scenes (``test/benchmark/reconstruct_defaults.py sigma --kz2``).
 WHOLE_PIXEL_SIGMA = 0.55
+T = TypeVar("T", bound=np.generic)
 _WIDEST = 16384  # px: labels are 16-bit integers
 
 
@@ -25,7 +29,8 @@ _WIDEST = 16384  # px: labels are 16-bit integers
 class MatchParams(Params):
     """Parameters of `Match`."""
 
-    method: str = param("kz2", "Matching method.", choices=METHODS)
+    method: str = param("graph_cut", "Matching method.", choices=METHODS)
+    effort: str = param("balanced", "What graph_cut spends: milliseconds, a moment, many seconds.", choices=EFFORTS)
     min_disparity: int = param(
         0,
         "Least disparity searched, inclusive; equal to max_disparity: both from the images.",
@@ -35,7 +40,9 @@ class MatchParams(Params):
     )
     max_disparity: int = param(0, "Greatest disparity searched, inclusive.", unit="px", low=-_WIDEST, high=_WIDEST)
     kz2_sweeps: int = param(4, "At most so many rounds of expansions over all labels (kz2).", low=1, high=100)
-    match_seed: int = param(0, "Seed of the order in which labels are tried.", low=0, high=2**31 - 1)
+    match_seed: int = param(
+        0, "Seed of the order in which labels, or of the planes that, are tried.", low=0, high=2**31 - 1
+    )
     occlusion_cost: float = param(
         0.0,
         "What leaving a pixel unmatched costs (K of kz2); 0: from the images.",
@@ -62,6 +69,16 @@ class MatchParams(Params):
             )
 
 
+@dataclass(frozen=True, eq=False)
+class _Solution:
+    """What either method finds, rows matching: NaN = no match, and whether the reason is that the eyes disagree."""
+
+    disparity: FloatImage
+    sigma: FloatImage
+    inconsistent: Mask
+    energy: float
+
+
 @dataclass(frozen=True)
 class Match:
     """Dense matching (paper section 2.3).
@@ -86,7 +103,8 @@ class Match:
         Returns
         -------
         DisparityMap
-            Energy in the units of the method: for kz2, the energy times the denominator of its constants.
+            Energy in the units of the method: for kz2, the energy times the denominator of its constants; for
+            graph_cut, that of its planes, NaN for the effort that has none.
 
         Raises
         ------
@@ -97,18 +115,19 @@ class Match:
         left, right = (_along_rows(image, vertical) for image in (pair.left_matching, pair.right_matching))
         low, high = self._limits(left, right)
         result = self._solve(left, right, low, high)
-        disparity = _as_seen(result.disparity, vertical)
+        disparity, sigma = _as_seen(result.disparity, vertical), _as_seen(result.sigma, vertical)
         status = explain(disparity, low, high, pair)
+        status[_as_seen(result.inconsistent, vertical) & (status == Status.OCCLUDED)] = Status.INCONSISTENT
         valid = status == 0
         return DisparityMap(
             disparity=np.where(valid, disparity, np.float32(np.nan)),
-            sigma=np.where(valid, np.float32(WHOLE_PIXEL_SIGMA), np.float32(np.nan)),
+            sigma=np.where(valid, sigma, np.float32(np.nan)),
             status=status,
             min_disparity=low,
             max_disparity=high,
             geometry=pair.geometry,
             method=self.params.method,
-            energy=float(result.energy),
+            energy=result.energy,
             stamp_ns=pair.stamp_ns,
             frame_id=pair.frame_id,
         )
@@ -124,9 +143,19 @@ class Match:
         low, high = self.params.min_disparity, self.params.max_disparity
         return (low, high) if low < high else find_disparity_range(_gray(left), _gray(right))
 
-    def _solve(self, left: ByteImage, right: ByteImage, low: int, high: int) -> Kz2Result:
+    def _solve(self, left: ByteImage, right: ByteImage, low: int, high: int) -> _Solution:
+        threads = self.params.match_threads or _processors()
+        return (self._kz2 if self.params.method == "kz2" else self._graph_cut)(left, right, low, high, threads)
+
+    def _graph_cut(self, left: ByteImage, right: ByteImage, low: int, high: int, threads: int) -> _Solution:
         params = self.params
-        return kz2(
+        result = graph_cut(left, right, low, high, effort=params.effort, seed=params.match_seed, threads=threads)
+        inconsistent = (result.status & Status.INCONSISTENT) > 0
+        return _Solution(result.disparity, result.sigma, inconsistent, result.energy)
+
+    def _kz2(self, left: ByteImage, right: ByteImage, low: int, high: int, threads: int) -> _Solution:
+        params = self.params
+        result = kz2(
             left,
             right,
             low,
@@ -135,8 +164,10 @@ class Match:
             seed=params.match_seed,
             occlusion_cost=params.occlusion_cost,
             smoothness=params.smoothness,
-            threads=params.match_threads or _processors(),
+            threads=threads,
         )
+        sigma = np.full(result.disparity.shape, WHOLE_PIXEL_SIGMA, np.float32)
+        return _Solution(result.disparity, sigma, np.zeros(sigma.shape, np.bool_), float(result.energy))
 
 
 def _processors() -> int:
@@ -149,9 +180,9 @@ def _along_rows(image: ByteImage, vertical: bool) -> ByteImage:
     return np.ascontiguousarray(np.swapaxes(image, 0, 1) if vertical else image)
 
 
-def _as_seen(disparity: FloatImage, vertical: bool) -> FloatImage:
+def _as_seen(found: NDArray[T], vertical: bool) -> NDArray[T]:
     """Undo `_along_rows`."""
-    return np.ascontiguousarray(disparity.T) if vertical else disparity
+    return np.ascontiguousarray(found.T) if vertical else found
 
 
 def _gray(image: ByteImage) -> ByteImage:

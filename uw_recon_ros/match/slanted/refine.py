@@ -16,7 +16,7 @@ from uw_recon_ros.match.slanted.proposals import disparities, propose, seed_rand
 from uw_recon_ros.match.slanted.workers import share
 from uw_recon_ros.types import FloatImage, Mask
 
-CELL, MARGIN = 16, 8  #: planes are taken from a cell and expanded over it and a margin, px
+CELL, MARGIN = 24, 8  #: planes are taken from a cell and expanded over it and a margin, px
 _APART = 3  # tiles of a group are this many cells apart
 
 
