@@ -111,7 +111,7 @@ def test_the_player_ends_well_and_says_what_it_sent(graph: Any, bag: Path, numbe
 
 def test_the_player_plays_to_the_end(graph: Any, bag: Path) -> None:
     heard = graph.bench.listen(Image, "right/image_raw")
-    player = graph.start("bag_player_node", bag, "--rate", "10", "--wait-for-subscribers", "/right/image_raw")
+    player = graph.start("bag_player_node", bag, "--rate", "10", "--wait-for", "/right/image_raw")
     graph.spin_until(lambda: len(heard) == 40)
     assert player.wait() == 0
     assert "sent 80 messages" in player.output

@@ -6,6 +6,7 @@ from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
@@ -19,12 +20,14 @@ from stereo_msgs.msg import DisparityImage
 from uw_recon_ros.bags.model import RawMessage
 from uw_recon_ros.bags.reader import open_bag
 from uw_recon_ros.bags.writer import BagWriter
+from uw_recon_ros.images import read_image
 from uw_recon_ros.pipeline import Pipeline, PipelineParams, Result
 from uw_recon_ros.ros import messages
 from uw_recon_ros.ros.geometry import infos_from_geometry
 from uw_recon_ros.types import StereoGeometry
 
 pytestmark = [pytest.mark.graph, pytest.mark.timeout(240)]
+CANYON = Path(__file__).parents[3] / "shared" / "data" / "underwater" / "flsea_canyon"
 SECOND = 1_000_000_000
 FRAMES = 3
 LIMITS = {"min_disparity": 0, "max_disparity": 24}
@@ -77,9 +80,11 @@ def upright(stamp: int) -> dict[str, Any]:
 class Replay:
     """A bag stepped through the graph frame by frame; what came of it by stamp and topic."""
 
-    def __init__(self, graph: Any, bag: Path, nodes: tuple[str, ...], tmp_path: Path) -> None:
+    def __init__(
+        self, graph: Any, bag: Path, nodes: tuple[str, ...], tmp_path: Path, parameters: str = PARAMETERS
+    ) -> None:
         self.graph, self.got = graph, defaultdict[int, dict[str, Any]](dict)
-        (tmp_path / "params.yaml").write_text(PARAMETERS)
+        (tmp_path / "params.yaml").write_text(parameters)
         for name in nodes:
             graph.start(name, "--ros-args", "--params-file", tmp_path / "params.yaml")
         graph.ready(*nodes)
@@ -91,7 +96,7 @@ class Replay:
         graph.spin_until(
             lambda: all(count(f"/{t}") for t in BETWEEN) or len(nodes) == 1, "the nodes to find each other"
         )
-        self.player = graph.start("bag_player_node", bag, "--start-paused", "--wait-for-subscribers", *topics)
+        self.player = graph.start("bag_player_node", bag, "--start-paused", "--wait-for", *topics)
         self._client = graph.bench.outsider.create_client(Trigger, "/bag_player_node/step")
         graph.spin_until(lambda: all(count(topic) for topic in topics), "subscribers of the cameras")
         graph.spin_until(self._client.service_is_ready)
@@ -105,8 +110,8 @@ class Replay:
         assert future.result().success, future.result().message
 
 
-def offline(bag: Path) -> dict[int, Result]:
-    pipeline = Pipeline(PipelineParams.from_mapping(LIMITS))
+def offline(bag: Path, parameters: dict[str, Any] = LIMITS) -> dict[int, Result]:
+    pipeline = Pipeline(PipelineParams.from_mapping(parameters))
     with open_bag(bag) as reader:
         return {pair.stamp_ns: pipeline(pair) for pair in reader.stereo_pairs()}
 
@@ -146,6 +151,28 @@ def test_the_graph_makes_what_the_offline_pipeline_makes(
         assert set(replay.got[stamp]) == wanted
     assert replay.player.wait() == 0
     assert f"sent {FRAMES * (2 if rig == 'uncalibrated' else 4)} messages" in replay.player.output
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not CANYON.exists(), reason=f"needs {CANYON}")
+@pytest.mark.parametrize("turned", [False, True], ids=["as taken", "turned by 90 degrees"])
+def test_a_real_pair_without_calibration(graph: Any, tmp_path: Path, turned: bool) -> None:
+    """Hazy, uncalibrated, a third of its size: what the nodes send is what offline makes, in no metres."""
+    with BagWriter(tmp_path / "bag") as writer:
+        for eye in ("left", "right"):
+            image = cv2.resize(
+                read_image(CANYON / f"{eye}.png"), None, fx=1 / 3, fy=1 / 3, interpolation=cv2.INTER_AREA
+            )
+            turn = np.ascontiguousarray(np.rot90(image)) if turned else image
+            writer.image(f"/{eye}/image_raw", turn, time_ns=SECOND, frame_id=FRAME)
+    (expected,) = offline(tmp_path / "bag", {}).values()
+    assert expected.disparity.geometry.axis == ("vertical" if turned else "horizontal")
+    replay = Replay(graph, tmp_path / "bag", FOUR, tmp_path, "/**: {ros__parameters: {}}")
+    replay.step()
+    graph.spin_until(lambda: {"disparity", "disparity/status", "points_unscaled"} <= set(replay.got[SECOND]))
+    same(replay.got[SECOND], expected)
+    assert "depth/image_rect" not in replay.got[SECOND]
+    assert "metric scale unknown" in graph.started[3].output
 
 
 def truncated() -> Image:

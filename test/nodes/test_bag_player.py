@@ -88,7 +88,7 @@ def play(bench: Bench) -> Iterator[Any]:
 def test_every_message_arrives_byte_for_byte(bench: Bench, bag: Path, play: Any) -> None:
     heard: list[bytes] = []
     bench.outsider.create_subscription(Image, "left/image_raw", heard.append, 50, raw=True)
-    playing = play(bag, "--rate", "20", "--wait-for-subscribers", "/left/image_raw")
+    playing = play(bag, "--rate", "20", "--wait-for", "/left/image_raw")
     bench.spin_until(lambda: playing.done and len(heard) == FRAMES)
     with open_bag(bag) as reader:
         recorded = [message.data for message in reader.raw_messages(["/left/image_raw"])]
@@ -98,7 +98,7 @@ def test_every_message_arrives_byte_for_byte(bench: Bench, bag: Path, play: Any)
 def test_it_keeps_time_at_a_rate(bench: Bench, bag: Path, play: Any) -> None:
     arrivals: list[float] = []
     bench.outsider.create_subscription(Image, "left/image_raw", lambda m: arrivals.append(time.monotonic()), 50)
-    play(bag, "--rate", "0.5", "--wait-for-subscribers", "/left/image_raw")
+    play(bag, "--rate", "0.5", "--wait-for", "/left/image_raw")
     bench.spin_until(lambda: len(arrivals) == FRAMES)
     assert arrivals[-1] - arrivals[0] >= 0.9 * (FRAMES - 1) * 0.1 / 0.5  # never early; late is the machine's affair
 
@@ -115,14 +115,14 @@ def test_the_clock_follows_the_bag(bench: Bench, bag: Path, play: Any) -> None:
 
 def test_the_start_offset_skips(bench: Bench, bag: Path, play: Any) -> None:
     heard = bench.listen(Image, "left/image_raw")
-    playing = play(bag, "--start-offset", "0.35", "--rate", "20", "--wait-for-subscribers", "/left/image_raw")
+    playing = play(bag, "--start-offset", "0.35", "--rate", "20", "--wait-for", "/left/image_raw")
     bench.spin_until(lambda: playing.done and len(heard) == 2)
     assert [messages.stamp_ns(m) - START for m in heard] == [4 * PERIOD, 5 * PERIOD]
 
 
 def test_looping_begins_again(bench: Bench, bag: Path, play: Any) -> None:
     heard = bench.listen(Image, "left/image_raw")
-    play(bag, "--loop", "--rate", "20", "--wait-for-subscribers", "/left/image_raw")
+    play(bag, "--loop", "--rate", "20", "--wait-for", "/left/image_raw")
     bench.spin_until(lambda: len(heard) > 2 * FRAMES)
     assert messages.stamp_ns(heard[FRAMES]) == START
 
@@ -137,9 +137,7 @@ def call(bench: Bench, name: str) -> Any:
 
 def test_pause_step_and_resume(bench: Bench, bag: Path, play: Any) -> None:
     left, right = bench.listen(Image, "left/image_raw"), bench.listen(Image, "right/image_raw")
-    playing = play(
-        bag, "--start-paused", "--rate", "10", "--wait-for-subscribers", "/left/image_raw", "/right/image_raw"
-    )
+    playing = play(bag, "--start-paused", "--rate", "10", "--wait-for", "/left/image_raw", "/right/image_raw")
     for frame in (1, 2):
         assert call(bench, "step").success
         bench.spin_until(lambda frame=frame: (len(left), len(right)) == (frame, frame))
@@ -152,7 +150,7 @@ def test_pause_step_and_resume(bench: Bench, bag: Path, play: Any) -> None:
 
 def test_a_pause_holds(bench: Bench, bag: Path, play: Any) -> None:
     heard = bench.listen(Image, "left/image_raw")
-    playing = play(bag, "--loop", "--wait-for-subscribers", "/left/image_raw")
+    playing = play(bag, "--loop", "--wait-for", "/left/image_raw")
     bench.spin_until(lambda: heard)
     assert call(bench, "pause").success
     count = len(heard)
@@ -171,7 +169,7 @@ def test_it_waits_until_somebody_listens_and_then_a_little_more(bench: Bench, ba
 
 def test_topics_move_with_the_name_space(bench: Bench, bag: Path, play: Any) -> None:
     heard = bench.listen(Image, "/rov/left/image_raw")
-    play(bag, "--wait-for-subscribers", "/left/image_raw", namespace="/rov")
+    play(bag, "--wait-for", "/left/image_raw", namespace="/rov")
     bench.spin_until(lambda: heard)
 
 
@@ -218,6 +216,11 @@ def test_a_bag_with_nothing_to_play(bench: Bench, bag: Path) -> None:
         pytest.raises(BagError, match="expected topics that can be played, the bag has /left"),
     ):
         BagPlayerNode(reader, parse([str(bag), "--topics", "/nothing"], None), context=bench.context)
+
+
+def test_waiting_for_a_topic_that_is_not_played(bench: Bench, bag: Path) -> None:
+    with open_bag(bag) as reader, pytest.raises(BagError, match="expected topics that are played, got /sonar"):
+        BagPlayerNode(reader, parse([str(bag), "--wait-for", "/sonar"], None), context=bench.context)
 
 
 def test_an_offset_beyond_the_end(bench: Bench, bag: Path) -> None:

@@ -83,7 +83,7 @@ def test_disparity_is_true(bench: Bench) -> None:
     got = messages.float_image_from_message(heard[0].image)
     for top, bottom, disparity in BANDS:
         band = got[top + 4 : bottom - 4, 30:-5]
-        assert np.nanmedian(band) == disparity
+        assert np.nanmedian(band) == pytest.approx(disparity, abs=0.25)
         assert (np.abs(band - disparity) < 1).mean() > 0.9
 
 

@@ -17,18 +17,15 @@ from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.publisher import Publisher
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import Trigger
 
 from uw_recon_ros.bags.model import RawMessage
 from uw_recon_ros.bags.reader import BagReader, open_bag
 from uw_recon_ros.errors import BagError
-from uw_recon_ros.nodes.replay import Report, parse, recorded_profile
+from uw_recon_ros.nodes.replay import Report, advertise_recorded, parse, wait_for_listeners
 from uw_recon_ros.nodes.timeline import Timeline
 from uw_recon_ros.ros.main import DONE, FAILED, USAGE, leave, start, until_shutdown
-from uw_recon_ros.ros.message_types import message_class
 from uw_recon_ros.ros.messages import time_message
 from uw_recon_ros.ros.parameters import ParameterError
 from uw_recon_ros.ros.qos import profile
@@ -62,7 +59,10 @@ class BagPlayerNode(Node):  # type: ignore[misc]
         if bag.topics and self._begin_ns > bag.end_ns:
             length = (bag.end_ns - bag.start_ns) * 1e-9
             raise BagError(f"--start-offset: expected at most the bag's {length:.3f} s, got {settings.start_offset:g}")
-        self._players = self._advertise()
+        self._players = advertise_recorded(self, bag, settings.topics)
+        unknown = set(settings.wait_for or ()) - self._players.keys()
+        if unknown:
+            raise BagError(f"--wait-for: expected topics that are played, got {', '.join(sorted(unknown))}")
         self._timeline = Timeline(self._begin_ns, settings.rate)
         self._report = Report()
         self._started_s = time.monotonic()
@@ -100,42 +100,18 @@ class BagPlayerNode(Node):  # type: ignore[misc]
         self._executor.shutdown()
         self.destroy_node()
 
-    def _advertise(self) -> dict[str, Publisher]:
-        chosen = self._settings.topics
-        players: dict[str, Publisher] = {}
-        for topic in self._bag.topics:
-            if (chosen and topic.name not in chosen) or topic.name == "/clock" or not topic.count:
-                continue
-            kind = message_class(topic.type)
-            if kind is None:
-                self.get_logger().warning(f"{topic.name}: skipped, no message package for {topic.type} is installed")
-                continue
-            players[topic.name] = self.create_publisher(
-                kind, topic.name.lstrip("/"), recorded_profile(topic),
-                qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-            )  # fmt: skip
-        if not players:
-            names = ", ".join(topic.name for topic in self._bag.topics) or "none"
-            raise BagError(f"{self._bag.path}: expected topics that can be played, the bag has {names}")
-        return players
-
     def _from_start(self) -> Iterator[RawMessage]:
         wanted = self._bag.raw_messages(self._players)
         return (message for message in wanted if message.stamp_ns >= self._begin_ns)
 
     def _wait_for_subscribers(self) -> None:
-        names = self._settings.wait_for_subscribers
-        if names is None:
-            return
-        waiting = [self._players[name] for name in names if name in self._players] or list(self._players.values())
-        self.get_logger().info("waiting for subscribers")
-        counts: list[int] = []
-        since = time.monotonic()
-        while not (all(counts) if names else any(counts)) or time.monotonic() - since < _SETTLE_S:
-            before, counts = counts, [publisher.get_subscription_count() for publisher in waiting]
-            if counts != before:
-                since = time.monotonic()
-            self._spin(_POLL_S)
+        if self._settings.wait_for or self._settings.wait_for_subscribers:
+            self.get_logger().info("waiting for subscribers")
+        if self._settings.wait_for:
+            named = [self._players[name] for name in self._settings.wait_for]
+            wait_for_listeners(named, all, 0.0, self._spin)
+        if self._settings.wait_for_subscribers:
+            wait_for_listeners(list(self._players.values()), any, _SETTLE_S, self._spin)
 
     def _wait_until_due(self, message: RawMessage) -> None:
         self._spin(0.0)

@@ -22,13 +22,13 @@ from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.ros.assembly import Group
 from uw_recon_ros.ros.diagnostics import Diagnostics
 from uw_recon_ros.ros.disparity import disparity_message, sigma_message, status_message
-from uw_recon_ros.ros.inputs import Input, Source
 from uw_recon_ros.ros.main import run
 from uw_recon_ros.ros.node import StageNode
 from uw_recon_ros.ros.node_params import DisparityMessageParams
-from uw_recon_ros.ros.outputs import Output, Outputs
+from uw_recon_ros.ros.outputs import Outputs
 from uw_recon_ros.ros.pairs import rectified_pair
 from uw_recon_ros.ros.parameters import ParameterSet
+from uw_recon_ros.ros.topics import Input, Output, Source
 from uw_recon_ros.types import DisparityMap
 
 RECTIFIED_INFOS = tuple(

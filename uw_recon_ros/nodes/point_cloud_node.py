@@ -30,13 +30,13 @@ from uw_recon_ros.ros.clouds import cloud_message, depth_messages, surface_messa
 from uw_recon_ros.ros.diagnostics import Diagnostics
 from uw_recon_ros.ros.disparity import disparity_from_message
 from uw_recon_ros.ros.geometry import check_size, geometry_from_infos
-from uw_recon_ros.ros.inputs import Input, Source
 from uw_recon_ros.ros.main import run
 from uw_recon_ros.ros.node import StageNode
 from uw_recon_ros.ros.node_params import CloudParams, DisparityMessageParams
-from uw_recon_ros.ros.outputs import Output, Outputs
+from uw_recon_ros.ros.outputs import Outputs
 from uw_recon_ros.ros.pairs import color_image, expect_size
 from uw_recon_ros.ros.parameters import ParameterSet
+from uw_recon_ros.ros.topics import Input, Output, Source
 from uw_recon_ros.types import ByteImage, DisparityMap
 
 INPUTS = (

@@ -23,13 +23,13 @@ from uw_recon_ros.rectify.stage import Rectify, RectifyParams
 from uw_recon_ros.rectify.tracker import RigTracker
 from uw_recon_ros.ros.assembly import Group
 from uw_recon_ros.ros.diagnostics import Diagnostics
-from uw_recon_ros.ros.inputs import Input, Source
 from uw_recon_ros.ros.main import run
 from uw_recon_ros.ros.messages import color_message, header, mono_message
 from uw_recon_ros.ros.node import StageNode
-from uw_recon_ros.ros.outputs import Output, Outputs
+from uw_recon_ros.ros.outputs import Outputs
 from uw_recon_ros.ros.pairs import calibration_from_infos, enhanced_pair, is_calibrated, rectified_infos
 from uw_recon_ros.ros.parameters import ParameterSet
+from uw_recon_ros.ros.topics import Input, Output, Source
 from uw_recon_ros.types import EnhancedPair, RectifiedPair
 
 CAMERA_INFOS = tuple(

@@ -5,14 +5,22 @@ from __future__ import annotations
 import argparse
 import statistics
 import sys
+import time
 from collections import Counter, deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
+from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.utilities import remove_ros_args
 
 from uw_recon_ros.bags.model import TopicInfo
+from uw_recon_ros.bags.reader import BagReader
+from uw_recon_ros.errors import BagError
+from uw_recon_ros.ros.message_types import message_class
 
+_POLL_S = 0.05
 _MOST_LATCHED = 1000
 _RECENT = 10_000
 
@@ -29,9 +37,9 @@ def parse(args: Sequence[str] | None, about: str | None) -> argparse.Namespace:
     parser.add_argument("--start-paused", action="store_true", help="wait for ~/resume or ~/step")
     parser.add_argument("--topics", nargs="+", metavar="TOPIC", help="play only these")
     parser.add_argument(
-        "--wait-for-subscribers", nargs="*", metavar="TOPIC",
-        help="begin when these have subscribers; without names, when any topic has and no more came for a second",
-    )  # fmt: skip
+        "--wait-for-subscribers", action="store_true", help="begin when any topic has one and no more came for a second"
+    )
+    parser.add_argument("--wait-for", nargs="+", metavar="TOPIC", help="begin when all of these have subscribers")
     parser.add_argument("--clock-rate", type=_not_negative, default=50.0, metavar="HZ", help="of /clock; 0 = none")
     return parser.parse_args(remove_ros_args(sys.argv if args is None else ["", *args])[1:])
 
@@ -61,6 +69,48 @@ def recorded_profile(topic: TopicInfo) -> QoSProfile:
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
     )
+
+
+def advertise_recorded(node: Node, bag: BagReader, chosen: Sequence[str] | None) -> dict[str, Publisher]:
+    """Make a publisher for every topic of a bag that can be played, relative to the node's name space.
+
+    Raises
+    ------
+    BagError
+        There is none.
+    """
+    publishers: dict[str, Publisher] = {}
+    for topic in bag.topics:
+        if (chosen and topic.name not in chosen) or topic.name == "/clock" or not topic.count:
+            continue
+        kind = message_class(topic.type)
+        if kind is None:
+            node.get_logger().warning(f"{topic.name}: skipped, no message package for {topic.type} is installed")
+            continue
+        options = QoSOverridingOptions.with_default_policies()
+        publishers[topic.name] = node.create_publisher(
+            kind, topic.name.lstrip("/"), recorded_profile(topic), qos_overriding_options=options
+        )
+    if not publishers:
+        names = ", ".join(topic.name for topic in bag.topics) or "none"
+        raise BagError(f"{bag.path}: expected topics that can be played, the bag has {names}")
+    return publishers
+
+
+def wait_for_listeners(
+    publishers: Sequence[Publisher],
+    enough: Callable[[list[int]], bool],
+    settle_s: float,
+    spin: Callable[[float], None],
+) -> None:
+    """Spin until `enough` holds for the numbers of subscribers, and these have not changed for `settle_s`."""
+    counts: list[int] = []
+    since = time.monotonic()
+    while not counts or not enough(counts) or time.monotonic() - since < settle_s:
+        spin(_POLL_S)
+        before, counts = counts, [publisher.get_subscription_count() for publisher in publishers]
+        if counts != before:
+            since = time.monotonic()
 
 
 class Report:

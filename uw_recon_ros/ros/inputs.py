@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any
 
 from rclpy.node import Node
 
@@ -14,36 +14,9 @@ from uw_recon_ros.ros.diagnostics import Diagnostics
 from uw_recon_ros.ros.messages import stamp_ns
 from uw_recon_ros.ros.qos import ReliableFirst
 from uw_recon_ros.ros.stalls import in_one_line, why_silent, why_unpaired
+from uw_recon_ros.ros.topics import Input, Source
 
 _PATIENCE = 3  # gaps between messages without one, before a slow topic counts as silent
-
-
-@dataclass(frozen=True)
-class Source:
-    """A topic that may serve an input."""
-
-    topic: str
-    type: Any
-
-
-@dataclass(frozen=True)
-class Input:
-    """Something a node needs.
-
-    Parameters
-    ----------
-    name : str
-        Under which a group holds its message.
-    sources : tuple of Source
-        Alternatives; the first that has a publisher is taken.
-    role : {'paired', 'optional', 'latest'}
-        ``paired``: grouped by stamp. ``optional``: the same where it has a publisher, else done without. ``latest``:
-        the newest message goes along, and is waited for where there is a publisher.
-    """
-
-    name: str
-    sources: tuple[Source, ...]
-    role: Literal["paired", "optional", "latest"] = "paired"
 
 
 @dataclass
@@ -160,6 +133,7 @@ class Inputs:
             lambda message: self._receive(wanted, source, message),
             on_fallback=lambda text: self._warn(f"qos {source.topic}", text),
             on_match=self.refresh,
+            on_lost=lambda number: self._diagnostics.drop(f"lost on the way: {source.topic}", number=number),
         )  # fmt: skip
 
     def _close(self, name: str) -> None:

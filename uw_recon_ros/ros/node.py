@@ -16,11 +16,12 @@ from uw_recon_ros.errors import ReconError
 from uw_recon_ros.params import Params
 from uw_recon_ros.ros.assembly import Group
 from uw_recon_ros.ros.diagnostics import SUPERSEDED, Diagnostics, Throttle
-from uw_recon_ros.ros.inputs import Input, Inputs
+from uw_recon_ros.ros.inputs import Inputs
 from uw_recon_ros.ros.node_params import NodeParams
-from uw_recon_ros.ros.outputs import Output, Outputs
+from uw_recon_ros.ros.outputs import Outputs
 from uw_recon_ros.ros.parameters import NodeParameters, ParameterSet
 from uw_recon_ros.ros.qos import profile
+from uw_recon_ros.ros.topics import Input, Output
 from uw_recon_ros.ros.worker import Worker
 
 S = TypeVar("S")

@@ -3,31 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from typing import Any
 
 from rclpy.node import Node
 
 from uw_recon_ros.ros.diagnostics import Diagnostics
 from uw_recon_ros.ros.qos import advertise
-
-
-@dataclass(frozen=True)
-class Output:
-    """A topic that a node publishes.
-
-    Parameters
-    ----------
-    topic : str
-    type : type
-        Message class.
-    latched : bool
-        Whether late subscribers get the last message.
-    """
-
-    topic: str
-    type: Any
-    latched: bool = False
+from uw_recon_ros.ros.topics import Output
 
 
 class Outputs:

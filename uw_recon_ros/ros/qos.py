@@ -11,12 +11,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks, UnsupportedEventTypeError
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
+
+try:
+    from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks, UnsupportedEventTypeError
+except ImportError:  # Humble
+    from rclpy.qos_event import PublisherEventCallbacks, SubscriptionEventCallbacks, UnsupportedEventTypeError
 
 #: Messages kept by the middleware a topic. What is heavy to work on waits in a mailbox of one (`worker`); here there is
 #: room for the partners of a pair to arrive in bursts.
@@ -85,6 +89,8 @@ class ReliableFirst:
         Called with one line of text when the fallback happens, or when it is ruled out by a parameter.
     on_match : callable
         Called whenever a publisher comes or goes, where the middleware tells.
+    on_lost : callable
+        Called with a number of messages that the middleware could not deliver.
     """
 
     def __init__(
@@ -95,9 +101,10 @@ class ReliableFirst:
         callback: Callable[[Any], None],
         on_fallback: Callable[[str], None] = lambda text: None,
         on_match: Callable[[], None] = lambda: None,
+        on_lost: Callable[[int], None] = lambda number: None,
     ) -> None:
         self._node, self._type, self._topic, self._callback = node, message_type, topic, callback
-        self._on_fallback, self._on_match = on_fallback, on_match
+        self._on_fallback, self._on_match, self._on_lost = on_fallback, on_match, on_lost
         self.reliable = True
         self._subscription = self._subscribe()
 
@@ -113,7 +120,10 @@ class ReliableFirst:
             "msg_type": self._type, "topic": self._topic, "callback": self._callback,
             "qos_profile": profile(reliable=self.reliable), "qos_overriding_options": QoSOverridingOptions(kinds),
         }  # fmt: skip
-        told: dict[str, Any] = {"incompatible_qos": self._on_incompatible}
+        told: dict[str, Any] = {
+            "incompatible_qos": self._on_incompatible,
+            "message_lost": lambda event: self._on_lost(event.total_count_change),
+        }
         try:
             events = SubscriptionEventCallbacks(**told, matched=lambda _: self._on_match())
             return self._node.create_subscription(**make, event_callbacks=events)

@@ -1,0 +1,52 @@
+"""How a node declares what it reads and what it publishes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+
+@dataclass(frozen=True)
+class Source:
+    """A topic that may serve an input."""
+
+    topic: str
+    type: Any
+
+
+@dataclass(frozen=True)
+class Input:
+    """Something a node needs.
+
+    Parameters
+    ----------
+    name : str
+        Under which a group holds its message.
+    sources : tuple of Source
+        Alternatives; the first that has a publisher is taken.
+    role : {'paired', 'optional', 'latest'}
+        ``paired``: grouped by stamp. ``optional``: the same where it has a publisher, else done without. ``latest``:
+        the newest message goes along, and is waited for where there is a publisher.
+    """
+
+    name: str
+    sources: tuple[Source, ...]
+    role: Literal["paired", "optional", "latest"] = "paired"
+
+
+@dataclass(frozen=True)
+class Output:
+    """A topic that a node publishes.
+
+    Parameters
+    ----------
+    topic : str
+    type : type
+        Message class.
+    latched : bool
+        Whether late subscribers get the last message.
+    """
+
+    topic: str
+    type: Any
+    latched: bool = False
