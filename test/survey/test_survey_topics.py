@@ -36,13 +36,14 @@ STAMP = 1_700_000_000_123_456_789
 
 
 def products(geometry: StereoGeometry, frame_id: str = "left_optical_frame", *, whole: bool = False) -> Products:
-    """A slanted plane with holes, at odd sizes so that padding matters."""
+    """A wavy plane with holes, at odd sizes so that padding matters."""
     rng = np.random.default_rng(3)
     height, width = 41, 63
     colors = [rng.integers(0, 256, (height, width, 3), np.uint8) for _ in range(2)]
     monos = [rng.integers(0, 256, (height, width), np.uint8) for _ in range(2)]
     sign = -1.0 if (geometry.baseline_m or geometry.baseline_sign) < 0 else 1.0
-    values = (sign * (9 + np.linspace(0, 3, width) + np.zeros((height, 1)))).astype(np.float32)
+    waves = np.sin(np.arange(height)[:, None] / 5)
+    values = (sign * (9 + np.linspace(0, 3, width) + waves)).astype(np.float32)
     values = np.rint(values) if whole else values
     values[10:14, 20:30] = np.nan
     holes = np.isnan(values)

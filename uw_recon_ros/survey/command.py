@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from uw_recon_ros.pipeline import PipelineParams
     from uw_recon_ros.survey.executor import Executor
     from uw_recon_ros.survey.params import SurveyParams
-    from uw_recon_ros.survey.run import Outcome
+    from uw_recon_ros.survey.request import Outcome
 
 COMPLETE, INCOMPLETE = 0, 1
 _EPILOG = (
@@ -86,7 +86,8 @@ def _survey(
     read_params: Callable[[argparse.Namespace], PipelineParams],
     usage_error: type[Exception],
 ) -> int:
-    from uw_recon_ros.survey.run import Request, run_survey
+    from uw_recon_ros.survey.request import Request
+    from uw_recon_ros.survey.run import run_survey
     from uw_recon_ros.survey.telling import Teller
 
     try:

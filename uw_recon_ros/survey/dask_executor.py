@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import CancelledError
 from typing import Any, TypeVar
 
 from uw_recon_ros.survey.executor import Lost
@@ -65,6 +66,8 @@ class DaskExecutor:
             task = in_flight.pop(future)
             try:
                 result: R | Lost = future.result()
+            except CancelledError as error:
+                raise SurveyError(f"--dask {self._address}: the scheduler is gone; the same command goes on") from error
             except KilledWorker as error:
                 result = Lost(
                     f"its Dask worker died too often ({error.last_worker.address if error.last_worker else ''})"

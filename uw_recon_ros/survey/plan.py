@@ -10,17 +10,21 @@ import pickle
 import platform
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 from uw_recon_ros import __version__
 from uw_recon_ros.pipeline import PipelineParams
 from uw_recon_ros.rectify.rectification import Rectification
-from uw_recon_ros.survey.listing import Frame
+from uw_recon_ros.survey.differences import compare, describe
+from uw_recon_ros.survey.durable import write_durably
 from uw_recon_ros.survey.params import SurveyParams
+from uw_recon_ros.survey.places import Frame
 from uw_recon_ros.survey.sources import Source
-from uw_recon_ros.survey.store import SurveyError, compare, describe, write_durably
+from uw_recon_ros.survey.store import SurveyError
 from uw_recon_ros.types import StereoCalibration
 
 #: Packages whose version may change a bit of the output.
@@ -28,11 +32,24 @@ _DEPENDENCIES = (
     "numpy", "scipy", "opencv-python-headless", "numba", "llvmlite", "PyWavelets", "trimesh", "pillow", "rosbags",
     "mcap", "zstandard", "laspy", "lazrs",
 )  # fmt: skip
+_SOURCES = {".py", ".js", ".css", ".html"}
 
 
 def versions() -> dict[str, str | None]:
-    """Of the project, Python, and what it computes with."""
-    return {"uw_recon_ros": __version__, "python": platform.python_version()} | {n: _version(n) for n in _DEPENDENCIES}
+    """Of the project, Python, and what it computes with; a checkout changes without its number doing so."""
+    own = {"uw_recon_ros": __version__, "uw_recon_ros sources": _sources(), "python": platform.python_version()}
+    return own | {name: _version(name) for name in _DEPENDENCIES}
+
+
+@cache
+def _sources() -> str:
+    """Digest of the package's files."""
+    package = files("uw_recon_ros")
+    assert isinstance(package, Path)
+    digest = hashlib.sha256()
+    for path in sorted(path for path in package.rglob("*") if path.suffix in _SOURCES):
+        digest.update(path.relative_to(package).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()[:16]
 
 
 def _version(name: str) -> str | None:

@@ -13,14 +13,15 @@ from pathlib import Path
 import numpy as np
 
 from uw_recon_ros.errors import CalibrationError, EstimationError
-from uw_recon_ros.rectify.calibrated import has_baseline, judged, rectification_from_calibration
+from uw_recon_ros.rectify.calibrated import judged, rectification_from_calibration
 from uw_recon_ros.rectify.params import RectifyParams
 from uw_recon_ros.rectify.rectification import Rectification
+from uw_recon_ros.rectify.stereo_info import has_baseline
 from uw_recon_ros.rectify.tie_points import TiePoints, gathered
 from uw_recon_ros.rectify.uncalibrated import estimate_rectification
 from uw_recon_ros.survey.executor import Executor, Lost
 from uw_recon_ros.survey.frame import tie_points_of
-from uw_recon_ros.survey.listing import Frame
+from uw_recon_ros.survey.places import Frame
 from uw_recon_ros.survey.plan import Task
 from uw_recon_ros.types import StereoCalibration
 

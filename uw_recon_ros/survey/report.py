@@ -5,12 +5,10 @@ The one shown first is inside the file, so that the report can be sent alone.
 
 from __future__ import annotations
 
-import base64
 import itertools
 import json
 import math
-from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from functools import cache
 from html import escape
 from importlib.resources import files
@@ -18,12 +16,10 @@ from typing import Any
 
 from uw_recon_ros.report.embed import script_safe
 from uw_recon_ros.survey.charts import LEFT, RIGHT, WIDTH, Line, chart
-from uw_recon_ros.survey.store import Row, Store, write_durably
-from uw_recon_ros.survey.write import PREVIEWS, VIEWS, frame_name
-
-_ON_SHEET = 96
-_WORST, _WORST_ROWS = 12, 40
-_FAILURES_SHOWN = 6
+from uw_recon_ros.survey.durable import write_durably
+from uw_recon_ros.survey.pictures import contact_sheet, failed_frames, number, percent, worst_frames
+from uw_recon_ros.survey.store import Row, Store
+from uw_recon_ros.survey.write import VIEWS, frame_name
 
 
 def write_report(store: Store, rows: list[Row], made: dict[str, Any]) -> None:
@@ -49,9 +45,9 @@ def render_report(store: Store, rows: list[Row], made: dict[str, Any]) -> str:
         _top(made, rows, ok),
         _chosen(store, rows, ok, seconds, made),
         _time_lines(rows, seconds, label, made),
-        _worst(store, ok, made),
-        _failures(store, rows),
-        _sheet(store, rows),
+        worst_frames(store, ok, _unit(made)),
+        failed_frames(store, rows),
+        contact_sheet(store, rows),
         _origin(made),
     ]
     return _frame("Survey of " + ", ".join(made["input"]), body)
@@ -87,10 +83,10 @@ def _top(made: dict[str, Any], rows: list[Row], ok: list[Row]) -> str:
     failed = len(rows) - len(ok)
     facts = [
         ("frames reconstructed", f"{len(ok)} of {len(rows)}"),
-        ("density, median", _percent(_middle(made["density"]))),
-        ("row error, median", _number(_middle(made["row_error_median_px"]), "px")),
-        ("depth, median", _number(_middle(made["depth_p50"]), unit)),
-        ("a frame takes", _number(_median([row["seconds"] for row in ok]), "s")),
+        ("density, median", percent(_middle(made["density"]))),
+        ("row error, median", number(_middle(made["row_error_median_px"]), "px")),
+        ("depth, median", number(_middle(made["depth_p50"]), unit)),
+        ("a frame takes", number(_median([row["seconds"] for row in ok]), "s")),
     ]
     warnings = [*made["unreadable"], *made["notes"]]
     warnings += [f"rig: {text}" for rig in made["rigs"].values() for text in rig["warnings"]]
@@ -174,81 +170,6 @@ def _column(rows: list[Row], name: str) -> list[float]:
     return [math.nan if value is None else float(value) for value in values]
 
 
-def _worst(store: Store, ok: list[Row], made: dict[str, Any]) -> str:
-    ranked = sorted(ok, key=lambda row: (row["density"], -(row["row_error_median_px"] or 0.0)))[:_WORST_ROWS]
-    if not ranked:
-        return ""
-    head = "".join(f"<th>{name}</th>" for name in ("frame", "density", "row error", "depth", "searched", "triangles"))
-    lines = "".join(
-        f'<tr class="pick" data-frame="{row["frame"]}"><th scope="row">{row["frame"]}</th>'
-        f"<td>{_percent(row['density'])}</td><td>{_number(row['row_error_median_px'], 'px')}</td>"
-        f"<td>{_number(row['depth_p50'], _unit(made))}</td>"
-        f"<td>{row['min_disparity']} to {row['max_disparity']} px</td><td>{row['triangles'] or ''}</td></tr>"
-        for row in ranked
-    )
-    return (
-        '<section><h2>Worst frames first</h2><p class="text">By density.</p>'
-        f"{_pictures(store, ranked[:_WORST])}"
-        f'<details><summary>as a table, the worst {len(ranked)}</summary><div class="tablewrap"><table>'
-        f"<thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table></div></details></section>"
-    )
-
-
-def _failures(store: Store, rows: list[Row]) -> str:
-    groups: dict[str, list[Row]] = defaultdict(list)
-    for row in rows:
-        if row["status"] != "ok":
-            groups[row["reason"]].append(row)
-    if not groups:
-        return ""
-    parts = [
-        f"<h3>{len(group)} &times; {escape(reason)}</h3>"
-        f"<p class='text'>frames {_ranges([r['frame'] for r in group])}</p>"
-        f"{_pictures(store, group[:_FAILURES_SHOWN])}"
-        for reason, group in sorted(groups.items(), key=lambda item: -len(item[1]))
-    ]
-    return f"<section><h2>Failures</h2>{''.join(parts)}</section>"
-
-
-def _ranges(numbers: Sequence[int], most: int = 24) -> str:
-    """``3, 5-9, 12``."""
-    runs: list[list[int]] = []
-    for number in numbers:
-        if runs and number == runs[-1][-1] + 1:
-            runs[-1][1:] = [number]
-        else:
-            runs.append([number])
-    texts = ["-".join(map(str, run)) for run in runs]
-    return ", ".join(texts[:most]) + (" ..." if len(texts) > most else "")
-
-
-def _sheet(store: Store, rows: list[Row]) -> str:
-    step = max(1, math.ceil(len(rows) / _ON_SHEET))
-    words = "Every frame" if step == 1 else f"Every {step}th frame"
-    return (
-        f'<section><h2>Contact sheet</h2><p class="text">{words}: left view and disparity (bright is near).</p>'
-        f"{_pictures(store, rows[::step])}</section>"
-    )
-
-
-def _pictures(store: Store, rows: Iterable[Row]) -> str:
-    return f'<div class="sheet">{"".join(_picture(store, row) for row in rows)}</div>'
-
-
-def _picture(store: Store, row: Row) -> str:
-    ok = row["status"] == "ok"
-    words = f"{row['frame']} · {_percent(row['density'])}" if ok else f"{row['frame']} · {row['reason']}"
-    name = f"{PREVIEWS}/{frame_name(row['frame'])}.jpg"
-    image = ""
-    if name in row["files"]:
-        data = base64.b64encode((store.root / name).read_bytes()).decode()
-        image = f'<img src="data:image/jpeg;base64,{data}" alt="frame {row["frame"]}" loading="lazy">'
-    return (
-        f'<button class="{"" if ok else "bad"}" data-frame="{row["frame"]}" title="{escape(words)}">{image}'
-        f"<span>{escape(words)}</span></button>"
-    )
-
-
 def _origin(made: dict[str, Any]) -> str:
     """What it was made from, to the last bit."""
     files_of = [
@@ -276,11 +197,3 @@ def _middle(summary: dict[str, float] | None) -> float | None:
 
 def _median(values: list[float]) -> float | None:
     return sorted(values)[len(values) // 2] if values else None
-
-
-def _percent(value: float | None) -> str:
-    return "\u2013" if value is None else f"{100 * value:.0f} %"
-
-
-def _number(value: float | None, unit: str) -> str:
-    return "\u2013" if value is None else f"{value:.3g} {unit}"

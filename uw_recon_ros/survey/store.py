@@ -11,11 +11,13 @@ import fcntl
 import json
 import os
 import shutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from uw_recon_ros.errors import ReconError
+from uw_recon_ros.survey.differences import compare, describe
+from uw_recon_ros.survey.durable import sync_folder, write_json
 
 Row = dict[str, Any]
 
@@ -24,48 +26,6 @@ STATE = "state"
 
 class SurveyError(ReconError):
     """The output directory does not allow what was asked."""
-
-
-def sync_folder(folder: Path) -> None:
-    """Make renames in a folder survive a power cut."""
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
-
-
-def sync_file(path: Path) -> None:
-    """Make a file's content survive a power cut."""
-    with path.open("rb") as stream:
-        os.fsync(stream.fileno())
-
-
-def write_durably(path: Path, data: bytes) -> None:
-    """Write a file whole or not at all, and on the disk when this returns."""
-    partial = path.with_name(f".{path.name}.part")
-    with partial.open("wb") as stream:
-        stream.write(data)
-        stream.flush()
-        os.fsync(stream.fileno())
-    partial.replace(path)
-    sync_folder(path.parent)
-
-
-def write_json(path: Path, content: Any) -> None:
-    """As `write_durably`, keys in the order given."""
-    write_durably(path, (json.dumps(content, indent=2, allow_nan=False) + "\n").encode())
-
-
-def publish(staged: Mapping[Path, Path]) -> None:
-    """Move finished files from their staging names to their places, durably; an existing file is replaced."""
-    for place in staged.values():
-        place.parent.mkdir(parents=True, exist_ok=True)
-    for temporary, place in staged.items():
-        sync_file(temporary)
-        temporary.replace(place)
-    for folder in {place.parent for place in staged.values()}:
-        sync_folder(folder)
 
 
 class Store:
@@ -204,28 +164,3 @@ def _parse(line: bytes) -> Row | None:
     except ValueError:
         return None
     return row if isinstance(row, dict) and "frame" in row else None
-
-
-def compare(before: Any, now: Any, name: str = "") -> list[tuple[str, Any, Any]]:
-    """Where two nested mappings differ: dotted name, value before, value now (None: not there)."""
-    if isinstance(before, Mapping) and isinstance(now, Mapping):
-        keys = dict.fromkeys([*before, *now])
-        parts = [compare(before.get(key), now.get(key), f"{name}.{key}" if name else str(key)) for key in keys]
-        return [difference for part in parts for difference in part]
-    return [] if before == now else [(name, before, now)]
-
-
-def describe(differences: Iterable[tuple[str, Any, Any]], most: int = 4) -> str:
-    """The differences in words."""
-    listed = list(differences)
-    texts = [f"{name}: {_shorten(before)} then, {_shorten(now)} now" for name, before, now in listed[:most]]
-    if len(listed) > most:
-        texts.append(f"and {len(listed) - most} more")
-    return "; ".join(texts)
-
-
-def _shorten(value: Any) -> str:
-    if value is None:
-        return "absent"
-    text = json.dumps(value)
-    return text if len(text) <= 40 else text[:37] + "..."

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import csv
 import io
-from collections import Counter
+import re
+from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -26,6 +27,7 @@ STAGE_COLUMNS = ("read", "preprocess", "rectify", "match", "depth", "cloud", "su
 #: Columns and files whose bytes differ from run to run.
 TIMES = ("frames.csv: seconds", "timing.csv", "run.json", "report.html")
 _DIGITS = 6
+_NUMBER = re.compile(r"[0-9]+([.,][0-9]+)*")
 
 
 def frames_csv(rows: Iterable[Row]) -> bytes:
@@ -74,7 +76,7 @@ def report(
             "chosen": len(rows),
             "ok": len(ok),
             "failed": len(rows) - len(ok),
-            "reasons": dict(Counter(row["reason"] for row in rows if row["status"] != "ok").most_common()),
+            "reasons": {group[0]["reason"]: len(group) for group in failures(rows)},
         },
         "scale": sorted({row["scale"] for row in ok}),
         "density": _summary(ok, "density"),
@@ -85,6 +87,15 @@ def report(
         "unreadable": unreadable,
         "times": {"not the same from run to run": list(TIMES)},
     }
+
+
+def failures(rows: Iterable[Row]) -> list[list[Row]]:
+    """Failed frames by reason, the most frequent first; reasons that differ in numbers only are one."""
+    groups: dict[str, list[Row]] = defaultdict(list)
+    for row in rows:
+        if row["status"] != "ok":
+            groups[_NUMBER.sub("#", row["reason"])].append(row)
+    return sorted(groups.values(), key=len, reverse=True)
 
 
 def _summary(rows: list[Row], name: str) -> dict[str, float] | None:

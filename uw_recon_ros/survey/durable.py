@@ -1,0 +1,51 @@
+"""Files that appear whole or not at all, and are on the disk when they do."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+
+def sync_folder(folder: Path) -> None:
+    """Make renames in a folder survive a power cut."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def sync_file(path: Path) -> None:
+    """Make a file's content survive a power cut."""
+    with path.open("rb") as stream:
+        os.fsync(stream.fileno())
+
+
+def write_durably(path: Path, data: bytes) -> None:
+    """Write a file whole or not at all, and on the disk when this returns."""
+    partial = path.with_name(f".{path.name}.part")
+    with partial.open("wb") as stream:
+        stream.write(data)
+        stream.flush()
+        os.fsync(stream.fileno())
+    partial.replace(path)
+    sync_folder(path.parent)
+
+
+def write_json(path: Path, content: Any) -> None:
+    """As `write_durably`, keys in the order given."""
+    write_durably(path, (json.dumps(content, indent=2, allow_nan=False) + "\n").encode())
+
+
+def publish(staged: Mapping[Path, Path]) -> None:
+    """Move finished files from their staging names to their places, durably; an existing file is replaced."""
+    for place in staged.values():
+        place.parent.mkdir(parents=True, exist_ok=True)
+    for temporary, place in staged.items():
+        sync_file(temporary)
+        temporary.replace(place)
+    for folder in {place.parent for place in staged.values()}:
+        sync_folder(folder)

@@ -1,0 +1,114 @@
+"""Pairing the images of a bag by their stamps alone, without decoding them."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+
+from uw_recon_ros.bags import BagReader, RawMessage, StereoTopics
+from uw_recon_ros.bags.stereo import CameraInfoCache
+from uw_recon_ros.errors import BagError
+from uw_recon_ros.pairing import Synchronizer
+from uw_recon_ros.survey.places import Frame, Place
+from uw_recon_ros.survey.rigs import Rigs
+from uw_recon_ros.types import StereoCalibration
+
+_STAMP = struct.Struct("<4xiI")  # CDR's encapsulation, then the header's stamp
+_BIG_STAMP = struct.Struct(">4xiI")
+
+
+class Walk:
+    """Pairs the messages of a bag by the stamps at the beginning of their bytes; iterate once, then ask.
+
+    Parameters
+    ----------
+    bag : BagReader
+    topics : StereoTopics
+    source : int
+        Number that the frames carry.
+    tolerance_ns : int
+        Largest difference of stamps within a pair, ns.
+    rigs : Rigs
+        Learns the calibrations.
+    """
+
+    def __init__(self, bag: BagReader, topics: StereoTopics, source: int, tolerance_ns: int, rigs: Rigs) -> None:
+        self._bag, self._topics, self._source, self._rigs = bag, topics, source, rigs
+        self._eyes = {topics.left: 0, topics.right: 1}
+        self._infos = {topics.left_info: CameraInfoCache(), topics.right_info: CameraInfoCache()}
+        self._synchronizer: Synchronizer[tuple[int, Place]] = Synchronizer(2, tolerance_ns)
+        self._last_place = {name: Place(name, -1) for name in (topics.left, topics.right)}
+        self._counts, self._lasts, self._shapeless = [0, 0], [0, 0], 0
+        self._pairs = 0
+        self._closest: int | None = None
+
+    def __iter__(self) -> Iterator[Frame]:
+        names = [n for n in (self._topics.left, self._topics.right, *self._infos) if n]
+        self._learn_first_infos()
+        for message in self._bag.raw_messages(names):
+            if message.topic in self._infos:
+                self._learn(message)
+            else:
+                yield from self._push(message)
+
+    def _learn_first_infos(self) -> None:
+        """What the first CameraInfo says holds from the first image on: it is recorded after it, most often."""
+        for name in filter(None, self._infos):
+            first = next(self._bag.raw_messages([name]), None)
+            if first is not None:
+                self._learn(first)
+
+    def _learn(self, message: RawMessage) -> None:
+        try:
+            self._infos[message.topic].update(message)
+        except BagError:  # not CDR of a CameraInfo: as if it had not come
+            return
+
+    def _push(self, message: RawMessage) -> Iterator[Frame]:
+        if len(message.data) < _STAMP.size:
+            self._shapeless += 1
+            return
+        eye = self._eyes[message.topic]
+        big = message.data[1] == 0
+        seconds, rest = (_BIG_STAMP if big else _STAMP).unpack_from(message.data)
+        stamp = seconds * 1_000_000_000 + rest
+        self._counts[eye] += 1
+        self._lasts[eye] = stamp
+        for left, right in self._synchronizer.push(eye, stamp, (stamp, self._place(message))):
+            self._pairs += 1
+            yield Frame(0, self._source, left[0], left[1], right[1], self._rig())
+        self._watch_gap()
+
+    def _place(self, message: RawMessage) -> Place:
+        """Log times never go back within a bag, so only the last message need be remembered."""
+        last = self._last_place[message.topic]
+        nth = last.nth + 1 if last.log_ns == message.stamp_ns else 0
+        self._last_place[message.topic] = Place(message.topic, message.stamp_ns, nth)
+        return self._last_place[message.topic]
+
+    def _rig(self) -> int:
+        left, right = (self._infos[n].camera for n in (self._topics.left_info, self._topics.right_info))
+        return self._rigs.index(StereoCalibration(left, right) if left and right else None)
+
+    def _watch_gap(self) -> None:
+        if all(self._counts) and not self._pairs:
+            gap = abs(self._lasts[0] - self._lasts[1])
+            self._closest = gap if self._closest is None else min(gap, self._closest)
+
+    def nearest(self) -> str:
+        """Why there is no pair."""
+        counts = f"{self._counts[0]} left and {self._counts[1]} right images"
+        if self._closest is None:
+            return counts
+        return f"{counts}, the nearest stamps {self._closest / 1e6:g} ms apart (--pair-tolerance-ms)"
+
+    def notes(self) -> list[str]:
+        """What is odd about the recording."""
+        problems = dict.fromkeys(str(i.problem) for i in self._infos.values() if i.problem)
+        notes = [f"camera_info not used: {problem}" for problem in problems]
+        if self._shapeless:
+            notes.append(f"{self._shapeless} image messages too short to have a stamp")
+        for eye, count in zip(("left", "right"), self._counts, strict=True):
+            if count > self._pairs > 0:
+                notes.append(f"{count - self._pairs} of {count} {eye} images have no partner")
+        return notes
