@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,12 +16,12 @@ from uw_recon_ros.report.numbers import measured, percent
 from uw_recon_ros.report.page import Section
 from uw_recon_ros.report.pair import write_pair_page
 from uw_recon_ros.ros.messages import image_from_message
-from uw_recon_ros.types import EnhancedPair, StereoPair
+from uw_recon_ros.types import EnhancedPair, RectificationQuality, RectifiedPair, StereoPair
 
 Diagnostics = Mapping[str, Mapping[str, str]]
 FRAME_HEADER = ("Frame", "Pixels matched", "Pixels with a depth", "Depth error, median", "of the depth",
                 "Within 5 %", "Camera to cloud")  # fmt: skip
-NODE_HEADER = ("Node", "State", "Work on a frame", "Dropped")
+NODE_HEADER = ("Node", "Work on a frame", "Dropped")
 
 
 def frame_rows(frames: Sequence[Frame], latency: Mapping[int, float]) -> list[tuple[str, ...]]:
@@ -41,13 +42,24 @@ def node_rows(diagnostics: Diagnostics) -> list[tuple[str, ...]]:
     rows = []
     for name, values in sorted(diagnostics.items()):
         dropped = [f"{v} {k.removeprefix('dropped: ')}" for k, v in values.items() if k.startswith("dropped: ")]
-        rows.append((name, values["message"], f"{values.get('work [s]', '')} s", ", ".join(dropped) or "none"))
+        rows.append((name, f"{values.get('work [s]', '')} s", ", ".join(dropped) or "none"))
     return rows
 
 
 def _middle(frames: Sequence[Frame]) -> Frame:
     """A typical frame: of median error."""
     return sorted(frames, key=lambda f: f.errors.median_relative)[len(frames) // 2]
+
+
+def _as_reported(rectified: RectifiedPair, said: Mapping[str, str]) -> RectifiedPair:
+    """The pair with the quality that rectify_node reports on /diagnostics."""
+    quality = RectificationQuality(
+        said.get("rectification", "unknown"),
+        float(said.get("row_error_median_px", "nan")),
+        float(said.get("row_error_p95_px", "nan")),
+        int(said.get("inliers", "0")),
+    )
+    return replace(rectified, quality=quality)
 
 
 def write_demo_page(
@@ -59,6 +71,7 @@ def write_demo_page(
 ) -> Path:
     """Show a typical frame and the numbers of all."""
     frame = _middle(frames)
+    rectified = _as_reported(frame.rectified, collector.diagnostics.get("rectify_node", {}))
     got = collector.frames[frame.stamp_ns]
     raw = StereoPair(*(image_from_message(got[f"{eye}/image_raw"]) for eye in ("left", "right")))
     surface = Reconstruct(ReconstructParams()).surface(frame.depth, frame.rectified.left)
@@ -72,7 +85,7 @@ def write_demo_page(
         f"{len(frames)} of {expected} stereo pairs came through. Shown is frame {frames.index(frame) + 1}."
     )
     write_pair_page(
-        path, raw, enhanced, frame.rectified, frame.disparity, frame.depth, surface,
+        path, raw, enhanced, rectified, frame.disparity, frame.depth, surface,
         truth=frame.truth, title="Underwater stereo reconstruction", lead=lead, more=more,
     )  # fmt: skip
     return path

@@ -36,7 +36,7 @@ def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--bag", type=Path, default=ROOT / "bags" / "amphora", help="default: %(default)s")
     parser.add_argument("--output", type=Path, default=Path("demo_out"), help="default: %(default)s")
-    parser.add_argument("--rate", type=float, default=0.5, help="replay speed (default %(default)s)")
+    parser.add_argument("--rate", type=float, default=0.25, help="replay speed (default %(default)s)")
     return parser.parse_args()
 
 

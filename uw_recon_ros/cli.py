@@ -54,7 +54,8 @@ def _pair(args: argparse.Namespace) -> int:
 def _disparity(args: argparse.Namespace) -> int:
     from uw_recon_ros.pair import match_files
 
-    params = _params(args, min_disparity=args.min_disparity, max_disparity=args.max_disparity, method=args.method)
+    names = ("min_disparity", "max_disparity", "method", "effort")
+    params = _params(args, **{name: getattr(args, name) for name in names})
     sys.stdout.write(json.dumps(match_files(args.left, args.right, args.output, params.match)) + "\n")
     return OK
 
@@ -111,7 +112,7 @@ def _add_pair(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
 
 
 def _add_disparity(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    from uw_recon_ros.match.methods import METHODS
+    from uw_recon_ros.match.methods import EFFORTS, METHODS
 
     sub = commands.add_parser(
         "disparity", help="match an already rectified pair", description="Match a rectified pair; JSON on stdout."
@@ -121,7 +122,8 @@ def _add_disparity(commands: argparse._SubParsersAction[argparse.ArgumentParser]
     sub.add_argument("-o", "--output", required=True, metavar="FILE.pfm")
     sub.add_argument("--max-disparity", type=int, metavar="N", help="inclusive, px; default: found from the images")
     sub.add_argument("--min-disparity", type=int, metavar="N", help="inclusive, px")
-    sub.add_argument("--method", choices=METHODS)
+    sub.add_argument("--method", choices=METHODS, help="default: the first, or what the parameter file says")
+    sub.add_argument("--effort", choices=EFFORTS, help="of graph_cut")
     sub.add_argument("--params", metavar="FILE", help="ROS parameter file")
     sub.set_defaults(run=_disparity)
 

@@ -169,7 +169,7 @@ def match_files(left: str | Path, right: str | Path, output: str | Path, params:
     write_pfm(output, result.disparity)
     return {
         "method": result.method,
-        "effort": None,
+        "effort": params.effort if params.method == "graph_cut" else None,
         "energy": _finite(result.energy),
         "seconds": seconds,
         "density": result.density,
