@@ -123,3 +123,15 @@ def flip(path: Path, places: Sequence[int]) -> Path:
         data[place] ^= 0xFF
     path.write_bytes(bytes(data))
     return path
+
+
+def summary_records(data: bytes) -> list[tuple[int, int, int]]:
+    """Opcode, content offset and length of the records after the end of the data section."""
+    offset, found, summary = 8, [], False
+    while offset + 9 <= len(data) - 8:
+        opcode, length = struct.unpack_from("<BQ", data, offset)
+        if summary:
+            found.append((opcode, offset + 9, length))
+        summary |= opcode == 15
+        offset += 9 + length
+    return found

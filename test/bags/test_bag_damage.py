@@ -6,7 +6,18 @@ import random
 from pathlib import Path
 
 import pytest
-from bag_makers import IMAGE, chunk_offsets, cut, flip, image_bytes, recording, write_mcap, write_rosbags, write_split
+from bag_makers import (
+    IMAGE,
+    chunk_offsets,
+    cut,
+    flip,
+    image_bytes,
+    recording,
+    summary_records,
+    write_mcap,
+    write_rosbags,
+    write_split,
+)
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType
@@ -86,6 +97,21 @@ def test_a_damaged_index_is_done_without(tmp_path: Path) -> None:
         assert read(flip(damaged, [place]))[0] == RECORDED
 
 
+@pytest.mark.parametrize("place", [16, 17, 24])  # a chunk's offset and length
+def test_an_index_that_points_elsewhere_is_done_without(tmp_path: Path, place: int) -> None:
+    path = write_mcap(tmp_path / "a.mcap", RECORDED, crc=False)
+    entry = next(offset for opcode, offset, _ in summary_records(path.read_bytes()) if opcode == 8)
+    found, damage = read(flip(path, [entry + place]))
+    assert found == RECORDED
+    assert damage == []
+
+
+def test_a_misspelt_topic_in_the_index_is_not_believed(tmp_path: Path) -> None:
+    path = write_mcap(tmp_path / "a.mcap", RECORDED)
+    channel = next(offset for opcode, offset, _ in summary_records(path.read_bytes()) if opcode == 4)
+    assert read(flip(path, [channel + 2 + 2 + 4 + 1]))[0] == RECORDED
+
+
 def test_a_lying_length_without_an_index_is_survived(tmp_path: Path) -> None:
     path = write_mcap(tmp_path / "a.mcap", RECORDED, index=False)
     offset, _ = chunk_offsets(path.read_bytes())[5]
@@ -122,7 +148,8 @@ def test_no_damage_makes_it_crash_or_invent(tmp_path: Path, seed: int, kind: str
 
 @pytest.mark.parametrize("share", [0.9, 0.6, 0.3])
 def test_a_database_cut_short(tmp_path: Path, share: float) -> None:
-    many = recording(60, (24, 32, 3))
+    in_order = recording(60, (24, 32, 3))
+    many = [in_order[(i * 7) % len(in_order)] for i in range(len(in_order))]
     path = cut(write_rosbags(tmp_path / "bag", many) / "bag.db3", share)
     found, damage = read(path)
     assert len(found) >= (share - 0.1) * len(many)

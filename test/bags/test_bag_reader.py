@@ -5,6 +5,7 @@ from __future__ import annotations
 import tracemalloc
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from bag_makers import IMAGE, MS, camera, recording, write_mcap, write_rosbags, write_split
@@ -12,7 +13,16 @@ from mcap.writer import CompressionType
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
-from uw_recon_ros.bags import BagWriter, QosProfile, RawMessage, open_bag
+from uw_recon_ros.bags import (
+    BagWriter,
+    QosProfile,
+    RawMessage,
+    TopicInfo,
+    bag_info,
+    find_stereo_topics,
+    messages,
+    open_bag,
+)  # fmt: skip
 from uw_recon_ros.bags.merge import merge_by_time
 from uw_recon_ros.bags.model import parse_qos
 from uw_recon_ros.errors import BagError
@@ -89,6 +99,12 @@ def test_messages_recorded_out_of_order_come_in_order(tmp_path: Path, index: boo
     shuffled = [recorded[(i * 7) % len(recorded)] for i in range(len(recorded))]
     path = write_mcap(tmp_path / "a.mcap", shuffled, index=index, chunked=chunked)
     assert read_all(path) == recorded
+
+
+def test_a_database_recorded_out_of_order_comes_in_order(tmp_path: Path) -> None:
+    recorded = recording()
+    shuffled = [recorded[(i * 7) % len(recorded)] for i in range(len(recorded))]
+    assert read_all(write_rosbags(tmp_path / "bag", shuffled)) == recorded
 
 
 def test_a_bag_can_be_read_twice_at_once(tmp_path: Path) -> None:
@@ -174,6 +190,53 @@ def test_only_equal_stamps_pair_unless_a_tolerance_is_given(tmp_path: Path) -> N
     with open_bag(path) as bag:
         assert list(bag.stereo_pairs()) == []
         assert [p.stamp_ns for p in bag.stereo_pairs(tolerance_ns=3 * MS)] == [100 * i * MS for i in range(5)]
+
+
+def test_a_calibration_that_changes_is_followed(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as writer:
+        for index, message in enumerate(recording(4)):
+            if index in (0, 4):
+                for eye, tx in (("left", 0.0), ("right", -0.1 - 0.05 * index)):
+                    writer.camera_info(f"/{eye}/camera_info", camera(tx=tx), time_ns=message.stamp_ns, frame_id="x")
+            writer.raw(message)
+    with open_bag(tmp_path / "bag") as bag:
+        shifts = [pair.calibration.right.p[0, 3] for pair in bag.stereo_pairs() if pair.calibration]
+    assert shifts == pytest.approx([-2.0, -2.0, -6.0, -6.0])
+    assert "CameraInfo changes 1 times" in bag_info(tmp_path / "bag").warnings
+
+
+def test_empty_and_rectified_topics_are_not_the_eyes() -> None:
+    def topics(*names: str, count: int = 5, kind: str = "Image") -> list[TopicInfo]:
+        return [
+            TopicInfo(f"/{eye}/{name}", f"sensor_msgs/msg/{kind}", count) for name in names for eye in ("left", "right")
+        ]
+
+    compressed = topics("image_raw/compressed", kind="CompressedImage")
+    found = find_stereo_topics(topics("image_raw", count=0) + compressed)
+    assert found.left == "/left/image_raw/compressed"
+    assert find_stereo_topics(topics("image_raw") + compressed).left == "/left/image_raw"
+    infos = [TopicInfo(f"/{eye}/camera_info", "sensor_msgs/msg/CameraInfo", 5) for eye in ("left", "right")]
+    found = find_stereo_topics(compressed + infos)
+    assert (found.left_info, found.right_info) == ("/left/camera_info", "/right/camera_info")
+    for name in ("image_rect", "depth/image", "image_rect_color"):
+        with pytest.raises(BagError, match="no stereo pair"):
+            find_stereo_topics(topics(name))
+
+
+@pytest.mark.parametrize(("dtype", "unit"), [("float32", 1.0), ("uint16", 0.001)])
+def test_depth_in_metres_and_millimetres(tmp_path: Path, dtype: str, unit: float) -> None:
+    values = np.array([[0.0, 1.5, 2.25]]) / unit
+    message = messages.image_message(values.astype(dtype), time_ns=7, frame_id="x")
+    message.encoding = "16UC1" if dtype == "uint16" else "32FC1"
+    other = messages.image_message(np.zeros((2, 2), np.uint8), time_ns=8, frame_id="x")
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.message("/truth/depth", message)
+        writer.message("/truth/depth", other)
+    with open_bag(tmp_path / "bag") as bag:
+        ((stamp, depth),) = bag.depth_images()
+        assert bag.damage == ["/truth/depth: depth: expected 32FC1 or 16UC1, got 'mono8'"]
+    assert stamp == 7
+    assert depth[0] == pytest.approx([np.nan, 1.5, 2.25], nan_ok=True)
 
 
 @pytest.mark.parametrize(
