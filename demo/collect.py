@@ -13,6 +13,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSHistoryPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from std_srvs.srv import Trigger
 from stereo_msgs.msg import DisparityImage
 
 from uw_recon_ros.ros.messages import stamp_ns
@@ -57,6 +58,7 @@ class Collector:
         for topic, kind in PER_FRAME.items():
             self.node.create_subscription(kind, topic, self._keep(topic), keep_all)
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._diagnose, 10)
+        self._stepper = self.node.create_client(Trigger, "bag_player_node/step")
         self._executor = SingleThreadedExecutor(context=context)
         self._executor.add_node(self.node)
 
@@ -72,6 +74,14 @@ class Collector:
         for status in message.status:
             name = status.name.rsplit("/", 1)[-1]
             self.diagnostics[name] = {"message": status.message, **{v.key: v.value for v in status.values}}
+
+    def step(self) -> None:
+        """Have the player send the next stereo pair; wait until it has."""
+        future = None
+        while future is None or not future.done():
+            if future is None and self._stepper.service_is_ready():
+                future = self._stepper.call_async(Trigger.Request())
+            self.spin(0.05)
 
     def spin(self, seconds: float) -> None:
         """Receive for a while."""

@@ -10,6 +10,7 @@ import argparse
 import os
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import rclpy
@@ -28,7 +29,7 @@ from uw_recon_ros.types import StereoPair
 
 ROOT = Path(__file__).resolve().parent.parent
 NAME_SPACE = "/uw_demo"
-_WAIT_S, _LAST_FRAME_S = 120.0, 20.0
+_WAIT_S = 120.0
 
 
 def arguments() -> argparse.Namespace:
@@ -36,7 +37,6 @@ def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--bag", type=Path, default=ROOT / "bags" / "amphora", help="default: %(default)s")
     parser.add_argument("--output", type=Path, default=Path("demo_out"), help="default: %(default)s")
-    parser.add_argument("--rate", type=float, default=0.25, help="replay speed (default %(default)s)")
     return parser.parse_args()
 
 
@@ -57,33 +57,25 @@ def first_pair(bag: Path) -> tuple[StereoPair, int]:
 
 
 def replay(graph: Graph, collector: Collector, args: argparse.Namespace, expected: int) -> None:
-    """Start the player once all nodes report, and receive until everything came, or nothing more does."""
-    waited = time.monotonic()
-    while not collector.diagnostics.keys() >= set(NODES):
-        collector.spin(0.2)
-        check(graph, time.monotonic() - waited)
-    player = graph.start("bag_player_node", str(args.bag), "--rate", str(args.rate), "--wait-for-subscribers")
-    quiet_since, seen, told = time.monotonic(), -1, -1
-    while (done := len(collector.complete())) < expected:
-        collector.spin(0.2)
-        received = sum(len(got) for got in collector.frames.values())
-        if received != seen:
-            quiet_since, seen = time.monotonic(), received
-        if done != told:
-            say(f"      {done} of {expected} frames")
-            told = done
-        if player.poll() is not None and time.monotonic() - quiet_since > _LAST_FRAME_S:
-            break
-        check(graph, time.monotonic() - quiet_since)
+    """Play the bag frame by frame, each when the one before has come through: a slow machine loses none."""
+    wait(graph, lambda: collector.diagnostics.keys() >= set(NODES), collector)
+    graph.start("bag_player_node", str(args.bag), "--start-paused", "--wait-for-subscribers")
+    for number in range(1, expected + 1):
+        collector.step()
+        wait(graph, lambda n=number: len(collector.complete()) >= n, collector)
+        say(f"      {number} of {expected} frames")
     collector.spin(1.5)  # a last round of diagnostics
 
 
-def check(graph: Graph, quiet_s: float) -> None:
-    """End the demo where a node has ended, or nothing came for long."""
-    if dead := [name for name in graph.dead() if name in NODES]:
-        raise SystemExit(f"demo: {dead[0]} ended; its last words:\n{graph.log(dead[0])[-2000:]}")
-    if quiet_s > _WAIT_S:
-        raise SystemExit(f"demo: nothing came for {_WAIT_S:.0f} s; the nodes' logs are in {graph.logs}")
+def wait(graph: Graph, until: Callable[[], bool], collector: Collector) -> None:
+    """Receive until something is so; end the demo where a node has ended, or it takes too long."""
+    started = time.monotonic()
+    while not until():
+        collector.spin(0.1)
+        if dead := [name for name in graph.dead() if name in NODES]:
+            raise SystemExit(f"demo: {dead[0]} ended; its last words:\n{graph.log(dead[0])[-2000:]}")
+        if time.monotonic() - started > _WAIT_S:
+            raise SystemExit(f"demo: nothing came for {_WAIT_S:.0f} s; the nodes' logs are in {graph.logs}")
 
 
 def main() -> int:
@@ -106,7 +98,7 @@ def main() -> int:
     try:
         with Graph(args.output / "log", ["-r", f"__ns:={NAME_SPACE}"]) as graph:
             collector = Collector(context, NAME_SPACE)
-            say(f"[3/4] replaying {args.bag.name}: {expected} stereo pairs over DDS at {args.rate:g} times real time")
+            say(f"[3/4] replaying {args.bag.name}: {expected} stereo pairs over DDS")
             replay(graph, collector, args, expected)
             collector.close()
     finally:
