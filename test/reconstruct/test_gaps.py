@@ -48,6 +48,13 @@ def test_a_hole_wider_than_the_limit_keeps_its_middle():
     assert np.isfinite(close(level, gap=16)).all()
 
 
+def test_the_width_of_a_gap_counts_not_the_way_to_its_sides():
+    level = slanted()
+    level[:, 20:29] = np.nan  # nine wide: its middle is five from either side
+    assert np.isnan(close(level, gap=8)[:, 24]).all()
+    assert np.isfinite(close(level, gap=9)).all()
+
+
 def test_a_gap_between_two_depths_stays_open():
     level = np.where(U < 30, 10.0, 14.0).astype(np.float32)
     level[:, 28:33] = np.nan

@@ -87,12 +87,21 @@ def test_the_budget_is_kept_and_a_bigger_one_is_closer():
     errors = []
     for budget in (50, 400, 3000):
         vertices, triangles = choose_vertices(truth.astype(np.float32), budget=budget, tolerance=0.01)
-        assert len(vertices) <= budget
+        assert len(vertices) <= budget  # all pixels are valid
         assert len(surface_of(depth, max_vertices=budget).vertices) <= budget
         worst, total = np.empty((len(triangles), 2), np.int32), np.empty(len(triangles), np.float32)
         misfit(truth.astype(np.float32), vertices, triangles, 0.01, 1e9, worst, total)
         errors.append(total.sum())
     assert errors[0] > 2 * errors[1] > 4 * errors[2]
+
+
+@pytest.mark.parametrize("budget", [60, 300, 1000])
+def test_the_budget_is_kept_among_holes(budget):
+    depth = plane_depth(HORIZONTAL, (0.3, -0.2, 1.0), 2.0)
+    depth[np.random.default_rng(0).random(depth.shape) < 0.1] = np.nan
+    vertices, _ = choose_vertices((15.0 / depth).astype(np.float32), budget=budget, tolerance=0.05)
+    assert np.isfinite(depth[vertices[:, 1], vertices[:, 0]]).sum() <= budget
+    assert len(vertices) <= 1.5 * budget
 
 
 def test_vertices_are_dense_where_the_surface_bends():
@@ -133,6 +142,11 @@ def test_whole_pixel_disparities_of_a_slanted_plane_make_one_surface():
     assert coverage(build_surface(depth, picture(), **DEFAULTS)).mean() > 0.999
 
 
+def test_a_jump_of_just_the_limit_is_none_after_the_way_through_depth():
+    level = np.tile(60.0 + np.arange(160), (120, 1))
+    assert coverage(surface_of(15.0 / level, max_obliqueness_deg=90.0)).all()
+
+
 def test_oblique_triangles_are_dropped_beyond_noise_only():
     floor = plane_depth(HORIZONTAL, (0.0, 1.0, 0.02), 0.5)  # almost along the rays
     floor[floor < 0] = np.nan
@@ -147,6 +161,9 @@ def test_oblique_triangles_are_dropped_beyond_noise_only():
     beyond = (cosine < np.cos(np.deg2rad(60))) & (np.ptp(level, axis=1) > 3 * np.sqrt(2) * 0.1 * 1.001)
     assert not beyond.any()
     assert len(steep.faces) < len(surface_of(floor, max_obliqueness_deg=90).faces)
+    uncertain = depth_map(floor, HORIZONTAL, sigma_px=0.7)
+    steps = {**DEFAULTS, "tolerance_px": 0.02, "max_obliqueness_deg": 60}
+    assert len(build_surface(uncertain, picture(), **steps).faces) > 2 * len(surface_of(floor, **steps).faces)
 
 
 @settings(derandomize=True, max_examples=12, deadline=None)

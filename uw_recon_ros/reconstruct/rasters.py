@@ -16,7 +16,7 @@ Ints = NDArray[np.int32]
 
 @kernel(inline=True)
 def _span(u: Ints, v: Ints, row: int, low: int, high: int) -> tuple[int, int]:
-    """First and last covered column of `row` in the triangle with corners (u, v), cut to [low, high]."""
+    """First and last covered column of a `row` among those of the triangle (u, v), cut to [low, high]."""
     area = (u[1] - u[0]) * (v[2] - v[0]) - (u[2] - u[0]) * (v[1] - v[0])
     sign = 1 if area > 0 else -1
     for i in range(3):
@@ -28,8 +28,6 @@ def _span(u: Ints, v: Ints, row: int, low: int, high: int) -> tuple[int, int]:
             high = min(high, limit // dv)
         elif dv < 0:
             low = max(low, -(limit // -dv))
-        elif limit < 0:
-            high = low - 1
     return low, high
 
 

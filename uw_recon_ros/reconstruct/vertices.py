@@ -22,6 +22,8 @@ Ints = NDArray[np.int32]
 _SEED_SPACING = 32  # px
 _CAP = 8.0  # tolerances: a pixel across a jump counts no more than this, or jumps would eat the budget
 _ENOUGH = 200  # a round that would add less than one vertex in so many is not worth another triangulation
+_NEARLY = 0.95  # of the budget: nor is one for the rest
+_WITH_GAPS = 1.5  # budgets, counting the vertices that only outline gaps
 _GAP_LEVEL = 1000.0  # px below the lowest: invalid pixels are a surface far behind, whose border is a jump
 
 
@@ -37,7 +39,7 @@ def choose_vertices(
     closed : (H, W) bool or None
         Invalid pixels that triangles may cover, but that cannot be vertices.
     budget : int
-        Largest number of vertices, at least 4.
+        Largest number of vertices on valid pixels, at least 4.
     tolerance : float
         Departure that needs no further vertex, px.
 
@@ -57,11 +59,17 @@ def choose_vertices(
         chosen = chosen[~closed.ravel()[chosen]]
     while True:
         vertices, triangles = _triangulate(chosen, level.shape[1])
-        room = min(budget - len(chosen), len(chosen))
+        room = _room(int(np.isfinite(level.ravel()[chosen]).sum()), len(chosen), budget)
         proposals = _propose(whole, vertices, triangles, tolerance, room)
         if len(proposals) <= len(chosen) // _ENOUGH:
             return vertices, triangles
         chosen = np.union1d(chosen, proposals)
+
+
+def _room(valid: int, chosen: int, budget: int) -> int:
+    """Vertices that the next round may add: at most as many as there are, and none for a small rest of the budget."""
+    room = min(budget - valid, int(_WITH_GAPS * budget) - chosen)
+    return min(room, chosen) if room > (1 - _NEARLY) * budget else 0
 
 
 def _fill_gaps(level: FloatImage) -> FloatImage:
