@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from reconstruct_scenes import ABOVE, GEOMETRIES, HORIZONTAL, disparity_map, picture, plane_depth, sphere_depth
 
+from uw_recon_ros.reconstruct import cloud, gaps, planes, rasters, speckles
 from uw_recon_ros.reconstruct.stage import Reconstruct, ReconstructParams
 from uw_recon_ros.types import Status
 
@@ -145,6 +146,18 @@ def test_a_mono_image_colours_grey():
     depth = stage.depth(disparity_map(scene(HORIZONTAL), HORIZONTAL))
     grey = picture()[..., 0]
     assert np.array_equal(stage.cloud(depth, grey).colors, np.repeat(grey[..., None], 3, axis=2))
+
+
+def test_after_warming_up_nothing_is_left_to_compile():
+    stage = Reconstruct()
+    stage.warm_up()
+    kernels = (planes._fit, speckles._label, cloud._number_cells, gaps._close, rasters.misfit, rasters.broken_triangles)
+    before = [len(kernel.signatures) for kernel in kernels]
+    assert min(before) >= 1
+    depth = stage.depth(disparity_map(scene(HORIZONTAL), HORIZONTAL, noise_px=0.2))
+    stage.filtered_cloud(depth, picture())
+    stage.surface(depth, picture())
+    assert [len(kernel.signatures) for kernel in kernels] == before
 
 
 def test_mistakes_are_named():
