@@ -31,11 +31,10 @@ def test_profile_has_shared_memory_and_udp_and_nothing_else() -> None:
     assert [e.text for e in root.iter(f"{NAME}useBuiltinTransports")] == ["false"]
 
 
-def test_both_variables_name_one_file_that_goes_with_us() -> None:
+def test_the_variable_names_a_file_that_goes_with_us() -> None:
     environment: dict[str, str] = {}
     assert transport.prepare(environment) is None
-    paths = {environment[variable] for variable in transport.PROFILE_VARIABLES}
-    (path,) = map(Path, paths)
+    path = Path(environment[transport.PROFILE_VARIABLE])
     assert "SHM" in path.read_text(encoding="ascii")
     transport.clean_up()
     assert not path.exists()

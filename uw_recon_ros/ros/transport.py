@@ -1,8 +1,8 @@
 """Shared memory large enough for images, for Fast DDS.
 
 Its default segment is 512 KiB; whatever is larger goes out in 64 KB pieces, which is slow where reliable and lost where
-best effort. The remedy is a profile with a larger segment in the publishing process. It is given by environment
-variables, so it must be there before ``rclpy.init``; a profile the user has chosen is never replaced.
+best effort. The remedy is a profile with a larger segment in the publishing process. It is named by an environment
+variable, so it must be there before ``rclpy.init``; a profile the user has chosen is never replaced.
 """
 
 from __future__ import annotations
@@ -14,9 +14,12 @@ import tempfile
 from collections.abc import MutableMapping
 from pathlib import Path
 
-#: Jazzy and Humble read the first, Kilted and newer the second.
-PROFILE_VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
-_OTHER_CHOICES = (*PROFILE_VARIABLES, "FASTDDS_BUILTIN_TRANSPORTS", "ROS_DISCOVERY_SERVER")
+import rclpy
+
+_UP_TO_JAZZY, _SINCE_KILTED = "FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"
+_CHOICES = (_UP_TO_JAZZY, _SINCE_KILTED, "FASTDDS_BUILTIN_TRANSPORTS", "ROS_DISCOVERY_SERVER")
+#: Names the profile file here; the other one is not read, or only under protest.
+PROFILE_VARIABLE = _SINCE_KILTED if hasattr(rclpy, "InitContextManager") else _UP_TO_JAZZY
 _SHARED_MEMORY = Path("/dev/shm")
 _MIB = 1 << 20
 DEFAULT_SEGMENT = 64 * _MIB
@@ -94,7 +97,7 @@ def prepare(environment: MutableMapping[str, str] | None = None, wanted: int = D
     environment = os.environ if environment is None else environment
     if environment.get("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp") != "rmw_fastrtps_cpp":
         return None
-    if any(environment.get(variable) for variable in _OTHER_CHOICES):
+    if any(environment.get(variable) for variable in _CHOICES):
         return None
     try:
         free = shutil.disk_usage(_SHARED_MEMORY).free
@@ -107,8 +110,7 @@ def prepare(environment: MutableMapping[str, str] | None = None, wanted: int = D
             f"shared memory: expected at least {_SHARERS * _SMALLEST_SEGMENT // _MIB} MiB free in {_SHARED_MEMORY}, "
             f"got {free // _MIB} MiB: images go in 64 KB pieces, slow or lost (Docker: --shm-size or --ipc=host)"
         )
-    for variable in PROFILE_VARIABLES:
-        environment.setdefault(variable, path)
+    environment.setdefault(PROFILE_VARIABLE, path)
     return None
 
 
