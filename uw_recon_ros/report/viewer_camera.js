@@ -3,7 +3,7 @@
 globalThis.uwCamera = (() => {
   const { subtract, dot, cross, quantile } = globalThis.uwMesh;
   const SLOPE = Math.tan(20 * Math.PI / 180); // of half the vertical field of view
-  const START = { yaw: 0.2, pitch: 0.08 };
+  const START = { yaw: 0.13, pitch: 0.05 };
 
   class Camera {
     constructor(mesh) {

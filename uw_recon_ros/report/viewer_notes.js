@@ -47,7 +47,7 @@ globalThis.uwNotes = (() => {
       for (const [color, width] of [[this.paper, 5], [this.ink, 2]]) {
         this.stroke([[left, y - 5], [left, y], [right, y], [right, y - 5]], color, width);
       }
-      const unit = this.unit === "m" ? "m" : `${this.unit} (scale unknown)`;
+      const unit = this.unit === "m" ? "m" : `${length === 1 ? "baseline" : this.unit} (scale unknown)`;
       this.write(`${number(length)} ${unit}`, right, y - 11, "right", this.ink, this.paper);
     }
 
