@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from uw_recon_ros.ros.assembly import NO_PARTNER, Assembler
+from uw_recon_ros.ros.assembly import Assembler
+from uw_recon_ros.ros.diagnostics import NO_PARTNER
 
 
 class Bench:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from uw_recon_ros.ros.diagnostics import SUPERSEDED, Diagnostics, Throttle
+from uw_recon_ros.ros.diagnostics import NO_PARTNER, SUPERSEDED, Diagnostics, Throttle
 
 
 def values(status: DiagnosticStatus) -> dict[str, str]:
@@ -34,13 +35,13 @@ def test_old_seconds_are_forgotten() -> None:
     assert values(status).get("in x [Hz]", "0.00") == "0.00"
 
 
-def test_superseded_frames_are_counted_and_no_fault() -> None:
+@pytest.mark.parametrize("reason", [SUPERSEDED, NO_PARTNER])
+def test_skipped_frames_are_counted_and_no_fault(reason: str) -> None:
     diagnostics = Diagnostics()
-    diagnostics.drop(SUPERSEDED)
-    diagnostics.count("done")
+    diagnostics.drop(reason)
     status = diagnostics.tick("/node")
     assert status.level == DiagnosticStatus.OK
-    assert values(status)[f"dropped: {SUPERSEDED}"] == "1"
+    assert values(status)[f"dropped: {reason}"] == "1"
     assert values(status)["dropped"] == "1"
 
 

@@ -1,4 +1,4 @@
-"""Which messages make up one piece of work. No ROS in here: names, stamps and anything for messages."""
+"""Which messages make up one piece of work: names, stamps, and anything for messages."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from uw_recon_ros.pairing import Synchronizer
+from uw_recon_ros.ros.diagnostics import NO_PARTNER
 
 #: Messages by input name; an input that has nothing is left out.
 Group = dict[str, Any]
 
 _DEPTH = 16
-NO_PARTNER = "no partner within tolerance"
 
 
 class Assembler:

@@ -12,8 +12,8 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
-#: The mailbox's way to keep up, not a fault.
-SUPERSEDED = "superseded by newer"
+#: The graph's way to keep up, no faults: frames overtaken here, and what belonged to frames overtaken elsewhere.
+SUPERSEDED, NO_PARTNER = "superseded by newer", "no partner within tolerance"
 _WINDOW_TICKS = 10
 _RECENT = 50
 
@@ -79,7 +79,7 @@ class Diagnostics:
         """Count frames given up, with the last one's words."""
         with self._lock:
             self._drops[reason] += number
-            self._now["failed" if reason != SUPERSEDED else "superseded"] += number
+            self._now["skipped" if reason in (SUPERSEDED, NO_PARTNER) else "failed"] += number
             self._last_drop = text or self._last_drop
 
     def measure(self, what: str, value: float) -> None:
@@ -137,7 +137,7 @@ class Diagnostics:
 
     def _rates(self) -> dict[str, str]:
         seconds = len(self._ticks)
-        names = sorted(set().union(*self._ticks) - {"failed", "superseded", "done"})
+        names = sorted(set().union(*self._ticks) - {"failed", "skipped", "done"})
         return {f"{name} [Hz]": f"{sum(tick[name] for tick in self._ticks) / seconds:.2f}" for name in names}
 
     def _spreads(self) -> dict[str, str]:
