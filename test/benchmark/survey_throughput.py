@@ -131,9 +131,12 @@ def throughput(options: argparse.Namespace, folder: Path) -> list[dict[str, floa
             results.append({"jobs": jobs, "frames_per_s": run.rate, "cpu_s_per_frame": run.cpu_s / options.frames})
             print_line(results[-1])
     best = {jobs: max(r["frames_per_s"] for r in results if r["jobs"] == jobs) for jobs in options.jobs}
+    least = {jobs: min(r["cpu_s_per_frame"] for r in results if r["jobs"] == jobs) for jobs in options.jobs}
+    first = options.jobs[0]
     for jobs, rate in best.items():
-        share = rate / (jobs / options.jobs[0] * best[options.jobs[0]])
-        print_line({"jobs": jobs, "best_frames_per_s": rate, "efficiency": share})
+        share = rate / (jobs / first * best[first])
+        values = {"jobs": jobs, "best_frames_per_s": rate, "efficiency": share}
+        print_line(values | {"cpu_efficiency": least[first] / least[jobs]})
     return results
 
 

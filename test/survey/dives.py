@@ -40,7 +40,7 @@ def digests(root: Path) -> dict[str, str]:
     found = {}
     for path in sorted(root.rglob("*")):
         name = path.relative_to(root).as_posix()
-        if path.is_dir() or name.startswith("state/") or name in ("timing.csv", "run.json", "report.html"):
+        if path.is_dir() or name.startswith(("state/", ".")) or name in ("timing.csv", "run.json", "report.html"):
             continue
         data = path.read_bytes() if name != "frames.csv" else repr(without_seconds(path)).encode()
         found[name] = hashlib.sha256(data).hexdigest()

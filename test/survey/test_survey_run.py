@@ -162,11 +162,11 @@ def kill_when(condition: Callable[[], bool], survey: subprocess.Popen[bytes], de
 def test_killed_again_and_again_it_ends_with_the_same_bytes(room: Path, undisturbed: Path, tmp_path: Path) -> None:
     chance = random.Random(5)
     args = arguments(room, tmp_path / "out")
-    started = [
-        kill_when(moment, subprocess.Popen(command(*args)), chance.uniform(0, 0.02))
-        for moment in moments(tmp_path / "out")
-    ]
-    assert sum(started) >= 5
+    kills, whole = 0, digests(undisturbed)
+    for moment in moments(tmp_path / "out"):
+        kills += kill_when(moment, subprocess.Popen(command(*args)), chance.uniform(0, 0.02))
+        assert digests(tmp_path / "out").items() <= whole.items()  # each file whole or not there
+    assert kills >= 5
     assert main(args) == 0
     assert digests(tmp_path / "out") == digests(undisturbed)
     assert not list((tmp_path / "out" / "state" / "staging").iterdir())
@@ -279,7 +279,10 @@ def test_the_other_formats(room: Path, undisturbed: Path, tmp_path: Path) -> Non
         assert {topic.name for topic in bag.topics} == {"/disparity", "/depth/image_rect"}
 
 
-def test_a_full_disk_stops_it_and_it_goes_on_when_there_is_room(room: Path, undisturbed: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("product", ["clouds", "bag"])
+def test_a_full_disk_stops_it_and_it_goes_on_when_there_is_room(
+    product: str, room: Path, undisturbed: Path, tmp_path: Path
+) -> None:
     """A limit on the size of a file stands in for the disk: the write fails with an OSError as on a full one."""
     code = (
         "import resource, signal, sys\nfrom uw_recon_ros.cli import main\n"
@@ -290,16 +293,20 @@ def test_a_full_disk_stops_it_and_it_goes_on_when_there_is_room(room: Path, undi
     )
     script = tmp_path / "limited.py"
     script.write_text(code)
-    largest = max((undisturbed / "disparity").iterdir(), key=lambda p: p.stat().st_size).stat().st_size
-    args = arguments(room, tmp_path / "out")
-    done = subprocess.run(
-        [sys.executable, str(script), str(largest + 500), *args], capture_output=True, text=True, check=False
-    )
+    share = sum(p.stat().st_size for p in (undisturbed / product).iterdir()) / FRAMES
+    limit = (undisturbed / "state" / "plan.pickle").stat().st_size + 500
+    assert limit < 0.9 * share
+    args = arguments(room, tmp_path / "out", "--write", product)
+    done = subprocess.run([sys.executable, str(script), str(limit), *args], capture_output=True, text=True, check=False)
     assert done.returncode == 1
     assert "File too large; the same command goes on from there" in done.stderr
     assert done.stderr.count("\n") == 1
+    assert not (tmp_path / "out" / "frames.csv").exists()
     assert main(args) == 0
-    assert digests(tmp_path / "out") == digests(undisturbed)
+    mine, whole = digests(tmp_path / "out"), digests(undisturbed)
+    names = [name for name in whole if name.startswith(f"{product}/")]
+    assert names
+    assert [mine[name] for name in names] == [whole[name] for name in names]
 
 
 @pytest.mark.parametrize(
