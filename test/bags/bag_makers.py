@@ -117,10 +117,10 @@ def chunk_offsets(data: bytes) -> list[tuple[int, int]]:
     return found
 
 
-def flip(path: Path, places: Sequence[int]) -> Path:
+def flip(path: Path, places: Sequence[int], mask: int = 0xFF) -> Path:
     data = bytearray(path.read_bytes())
     for place in places:
-        data[place] ^= 0xFF
+        data[place] ^= mask
     path.write_bytes(bytes(data))
     return path
 

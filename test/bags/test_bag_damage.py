@@ -109,7 +109,7 @@ def test_an_index_that_points_elsewhere_is_done_without(tmp_path: Path, place: i
 def test_a_misspelt_topic_in_the_index_is_not_believed(tmp_path: Path) -> None:
     path = write_mcap(tmp_path / "a.mcap", RECORDED)
     channel = next(offset for opcode, offset, _ in summary_records(path.read_bytes()) if opcode == 4)
-    assert read(flip(path, [channel + 2 + 2 + 4 + 1]))[0] == RECORDED
+    assert read(flip(path, [channel + 2 + 2 + 4 + 1], 0x01))[0] == RECORDED
 
 
 def test_a_lying_length_without_an_index_is_survived(tmp_path: Path) -> None:

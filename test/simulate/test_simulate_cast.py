@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -36,39 +38,44 @@ def rays(count: int, around_m: float) -> tuple[Matrix, Matrix]:
     return origins, towards / np.linalg.norm(towards, axis=1, keepdims=True)
 
 
-def first_inside(origin: Matrix, direction: Matrix, inside: object, far: float, step: float = 5e-4) -> float:
+def first_inside(
+    origin: Matrix, direction: Matrix, inside: Callable[[Matrix], Matrix], far: float, step: float = 5e-4
+) -> float:
     """Distance to the first sample inside of something, by brute force."""
     t = np.arange(0.0, far, step)
     points = origin + t[:, None] * direction
-    found = inside(points)  # type: ignore[operator]
+    found = inside(points)
     return float(t[found.argmax()]) if found.any() else math.inf
 
 
+def below_cylinder(p: Matrix) -> Matrix:
+    """Signed measure of a point of the cylinder: negative inside, 0 on the surface."""
+    return np.maximum(np.hypot(p[:, 0], p[:, 1]) - 0.25, np.abs(p[:, 2]) - 0.4)
+
+
 @pytest.mark.parametrize(
-    ("hit", "inside"),
+    ("hit", "outside"),
     [
-        (lambda o, d: hit_sphere(*o, *d, 0.4), lambda p: (p**2).sum(1) <= 0.16),
-        (lambda o, d: hit_box(*o, *d, 0.3, 0.2, 0.4), lambda p: (np.abs(p) <= [0.3, 0.2, 0.4]).all(1)),
-        (
-            lambda o, d: hit_cylinder(*o, *d, 0.25, 0.4),
-            lambda p: (p[:, 0] ** 2 + p[:, 1] ** 2 <= 0.0625) & (np.abs(p[:, 2]) <= 0.4),
-        ),
+        (lambda o, d: hit_sphere(*o, *d, 0.4), lambda p: np.linalg.norm(p, axis=1) - 0.4),
+        (lambda o, d: hit_box(*o, *d, 0.3, 0.2, 0.4), lambda p: (np.abs(p) - [0.3, 0.2, 0.4]).max(axis=1)),
+        (lambda o, d: hit_cylinder(*o, *d, 0.25, 0.4), below_cylinder),
         (
             lambda o, d: hit_amphora(*o, *d, 0.9, 0.2, FAR_M),
-            lambda p: np.array([amphora_distance(*point, 0.9, 0.2) <= 0 for point in p]),
+            lambda p: np.array([amphora_distance(*point, 0.9, 0.2) for point in p]),
         ),
     ],
     ids=["sphere", "box", "cylinder", "amphora"],
 )
-def test_solids_against_brute_force(hit: object, inside: object) -> None:
+def test_solids_against_brute_force(hit: Callable[..., Any], outside: Callable[[Matrix], Matrix]) -> None:
     hits = 0
     for origin, direction in zip(*rays(60, 0.5), strict=True):
-        t, *normal = hit(origin, direction)  # type: ignore[operator]
-        expected = first_inside(origin, direction, inside, 3.2)
+        t, *normal = hit(origin, direction)
+        expected = first_inside(origin, direction, lambda p: outside(p) < 0, 3.2)
         if math.isinf(t):  # at most a graze shorter than the sampling
             assert math.isinf(expected)
             continue
         hits += 1
+        assert outside((origin + t * direction)[None])[0] == pytest.approx(0.0, abs=1e-6)
         assert expected == math.inf or t == pytest.approx(expected, abs=6e-4)
         assert np.linalg.norm(normal) == pytest.approx(1.0, abs=1e-9)
         assert np.dot(normal, direction) < 1e-6

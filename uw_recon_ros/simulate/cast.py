@@ -121,8 +121,6 @@ def _newton(
     """Where a ray that is closer than `_NEWTON` meets the seabed; -1 where it only grazes it or does so later."""
     sx, sy = seabed_slopes(heights, grid, ox + t * dx, oy + t * dy)
     speed = dz - sx * dx - sy * dy
-    if speed > -0.02:
-        return -1.0
     found = t
     for _ in range(8):
         step = (oz + found * dz - seabed_height(heights, grid, ox + found * dx, oy + found * dy)) / speed
