@@ -23,6 +23,7 @@ class Cluster:
     """A scheduler and two workers, each a process."""
 
     address: str
+    scheduler: subprocess.Popen[bytes]
     workers: list[subprocess.Popen[bytes]]
 
 
@@ -58,7 +59,7 @@ def cluster(room: Path) -> Iterator[Cluster]:
             workers += [start("dask_worker", room, "--nthreads", "1", "--no-nanny", "--no-dashboard") for _ in range(2)]
             client.wait_for_workers(2, timeout=120)
             address = client.scheduler.address
-        yield Cluster(address, workers)
+        yield Cluster(address, scheduler, workers)
     finally:
         for process in [*workers, scheduler]:
             process.kill()
@@ -70,6 +71,7 @@ def arguments(room: Path, output: Path, *more: str) -> list[str]:
     return ["survey", str(room / "dive"), "-o", str(output), "--params", str(room / "small.yaml"), "--quiet", *more]
 
 
+@pytest.mark.slow
 def test_a_worker_killed_midway_changes_no_byte(room: Path, cluster: Cluster, tmp_path: Path) -> None:
     assert main(arguments(room, tmp_path / "local", "--jobs", "2")) == 0
     command = [sys.executable, "-m", "uw_recon_ros.cli"]
@@ -91,6 +93,25 @@ def test_a_survey_begun_here_goes_on_there(room: Path, cluster: Cluster, tmp_pat
         (tmp_path / "out" / "depth" / name).unlink()
     assert main(arguments(room, tmp_path / "out", *few, "--dask", cluster.address)) == 0
     assert digests(tmp_path / "out") == before
+
+
+def test_a_scheduler_killed_midway_is_one_line_and_the_work_goes_on(
+    room: Path, cluster: Cluster, tmp_path: Path
+) -> None:
+    args = arguments(room, tmp_path / "out", "--write", "disparity")
+    survey = subprocess.Popen(
+        [sys.executable, "-m", "uw_recon_ros.cli", *args, "--dask", cluster.address], stderr=subprocess.PIPE, text=True
+    )
+    journal = tmp_path / "out" / "state" / "journal.jsonl"
+    until(lambda: survey.poll() is not None or (journal.is_file() and b"\n" in journal.read_bytes()))
+    assert survey.poll() is None
+    cluster.scheduler.kill()
+    _, err = survey.communicate(timeout=300)
+    assert survey.returncode == 1
+    assert "the scheduler is gone; the same command goes on from there" in err
+    assert err.count("\n") == 1
+    assert main([*args, "--jobs", "1"]) == 0
+    assert len(list((tmp_path / "out" / "disparity").iterdir())) == FRAMES
 
 
 def test_no_scheduler_there(

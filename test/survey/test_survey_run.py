@@ -159,6 +159,7 @@ def kill_when(condition: Callable[[], bool], survey: subprocess.Popen[bytes], de
     return survey.wait() == -signal.SIGKILL
 
 
+@pytest.mark.slow
 def test_killed_again_and_again_it_ends_with_the_same_bytes(room: Path, undisturbed: Path, tmp_path: Path) -> None:
     chance = random.Random(5)
     args = arguments(room, tmp_path / "out")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
 from typing import Any, TypeVar
@@ -13,6 +14,7 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 _AHEAD = 2
+_LOUD = ("distributed", "distributed.client", "distributed.utils", "distributed.core", "distributed.comm")
 _PATIENCE_S = 30
 
 
@@ -40,6 +42,8 @@ class DaskExecutor:
             raise SurveyError(
                 "--dask: expected the extra 'dask' to be installed: pip install uw_recon_ros[dask]"
             ) from error
+        for name in _LOUD:
+            logging.getLogger(name).setLevel(logging.CRITICAL)  # what matters comes as an exception, in one line
         try:
             self._client: Any = Client(address, timeout=_PATIENCE_S, set_as_default=False)
             self._client.wait_for_workers(1, timeout=_PATIENCE_S)
@@ -67,7 +71,9 @@ class DaskExecutor:
             try:
                 result: R | Lost = future.result()
             except CancelledError as error:
-                raise SurveyError(f"--dask {self._address}: the scheduler is gone; the same command goes on") from error
+                raise SurveyError(
+                    f"--dask {self._address}: the scheduler is gone; the same command goes on from there"
+                ) from error
             except KilledWorker as error:
                 result = Lost(
                     f"its Dask worker died too often ({error.last_worker.address if error.last_worker else ''})"

@@ -131,6 +131,8 @@ class _Run:
         request, listing = self.request, self.listing
         root = str(self.store.root.absolute())
         plan = Plan(root, self.sources, listing.calibrations, request.survey, request.pipeline)
+        if any(frame.rig < 0 for frame in listing.frames):
+            self.teller.line("no calibration: estimating the rig from frames spread over the survey")
         rigs, notes = rectify_rigs(
             listing.frames, listing.calibrations, request.pipeline.rectify, request.survey.rig_frames, executor,
             save_plan(plan, self.store.state), self.store.state,

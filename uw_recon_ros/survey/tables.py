@@ -6,6 +6,7 @@ All but the times are the same whenever the same input, parameters and versions 
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
 import re
 from collections import defaultdict
@@ -69,6 +70,7 @@ def report(
     """What ``report.json`` holds."""
     ok = [row for row in rows if row["status"] == "ok"]
     return {
+        "input_sha256": _together(settings["input"]),
         **settings,
         "seed": {name: value for name, value in settings["parameters"].items() if name.endswith("seed")},
         "frames": {
@@ -87,6 +89,12 @@ def report(
         "unreadable": unreadable,
         "times": {"not the same from run to run": list(TIMES)},
     }
+
+
+def _together(inputs: Mapping[str, Mapping[str, str]]) -> str:
+    """One digest of all files and their names."""
+    listed = sorted(f"{name}/{file} {digest}" for name, inside in inputs.items() for file, digest in inside.items())
+    return hashlib.sha256("\n".join(listed).encode()).hexdigest()
 
 
 def failures(rows: Iterable[Row]) -> list[list[Row]]:

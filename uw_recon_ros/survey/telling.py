@@ -50,7 +50,7 @@ class Teller:
         if self.manner == "people" and sys.stderr.isatty():
             bar = "{desc}: {n}/{total} {bar} {rate_fmt}, {remaining} left"
             yield from tqdm(
-                items, desc=what, total=total, initial=done, unit=f" {what}", dynamic_ncols=True, bar_format=bar
+                items, desc=what, total=total, initial=done, unit=" frames", dynamic_ncols=True, bar_format=bar
             )
         elif self.manner == "quiet":
             yield from items
