@@ -141,8 +141,8 @@ def test_sample_bags_are_what_make_bags_makes(name: str) -> None:
     params = sample_maker().SAMPLES[name]
     found, dive = decoded(BAGS / name), Dive(params)
     assert [len(messages) for messages in found.values()] == [params.frames] * 9
-    for index in range(params.frames):
-        frame = dive.frame(index)
+    frames = [dive.frame(index) for index in range(params.frames)]
+    for index, frame in enumerate(frames):
         for topic, image in (("/left/image_raw", frame.left), ("/right/image_raw", frame.right)):
             apart = np.abs(image_from_message(found[topic][index]).astype(int) - image)
             assert (apart > 1).mean() < 1e-4
@@ -150,8 +150,8 @@ def test_sample_bags_are_what_make_bags_makes(name: str) -> None:
         assert (image_from_message(found["/truth/status"][index]) != frame.status).mean() < 1e-4
         assert stamp_ns(found["/truth/depth"][index]) == frame.stamp_ns
     with open_bag(BAGS / name) as bag:
-        for index, (_, depth) in enumerate(bag.depth_images()):
-            assert np.nanpercentile(np.abs(depth - dive.frame(index).depth), 99.9) <= 1.5 / 4096
+        for frame, (_, depth) in zip(frames, bag.depth_images(), strict=True):
+            assert np.nanpercentile(np.abs(depth - frame.depth), 99.9) <= 1.5 / 4096
     info = bag_info(BAGS / name)
     assert info.reconstructable
     assert info.calibration == "metric"

@@ -66,6 +66,9 @@ def open_files(path: Path) -> BagFiles:
             _open_one(file, files, alone=len(paths) == 1)
         if not files.storages:
             raise BagError(f"{path}: nothing in it can be read: {'; '.join(files.damage)}")
+    except OSError as error:
+        files.close()
+        raise BagError(f"{path}: expected a bag, cannot be read: {error.strerror or error}") from error
     except BaseException:
         files.close()
         raise
