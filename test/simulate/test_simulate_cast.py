@@ -10,20 +10,10 @@ import numpy as np
 import pytest
 
 from uw_recon_ros.simulate import SimulateParams
-from uw_recon_ros.simulate.cast import (
-    FAR_M,
-    amphora_distance,
-    cast,
-    hit_amphora,
-    hit_box,
-    hit_cylinder,
-    hit_sphere,
-    is_blocked,
-    nearest_hit,
-    seabed_height,
-    seabed_slopes,
-)
+from uw_recon_ros.simulate.cast import FAR_M, cast, is_blocked, nearest_hit
 from uw_recon_ros.simulate.scene import BLOCK, Scene, make_scene
+from uw_recon_ros.simulate.seabed import seabed_height, seabed_slopes
+from uw_recon_ros.simulate.solids import amphora_distance, hit_amphora, hit_box, hit_cylinder, hit_sphere
 from uw_recon_ros.types import Matrix
 
 RNG_SEED = 20240611
