@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.match.methods import EFFORTS
 from uw_recon_ros.match.slanted.census import comparison_planes
+from uw_recon_ros.match.slanted.gray import Gray, gray_pair
 from uw_recon_ros.match.slanted.moves import UNITS, Labelling, energy
 from uw_recon_ros.match.slanted.plane_cost import FORBIDDEN, QUARTERS, View
 from uw_recon_ros.match.slanted.proposals import FIT, NEAR, OWN, POINTS, SHAKEN
@@ -105,9 +106,9 @@ def graph_cut(
         Shapes differ, limits are exchanged, or the effort is unknown.
     """
     _require(left, right, min_disparity, max_disparity, effort)
-    eyes = _Eye.of(left), _Eye.of(right)
+    eyes = _Eye.pair(left, right)
     limits = (min_disparity, max_disparity)
-    start = _start(left, right, limits, threads)
+    start = _start(eyes, limits, threads)
     status = _compare(start.disparity, start.right, limits, threads)
     schedule = SCHEDULES[effort]
     if not schedule.passes:
@@ -128,29 +129,28 @@ def _require(left: ByteImage, right: ByteImage, low: int, high: int, effort: str
         raise ValueError(f"effort: expected one of {', '.join(EFFORTS)}, got {effort!r}")
 
 
-def _start(left: ByteImage, right: ByteImage, limits: tuple[int, int], threads: int) -> Start:
+def _start(eyes: tuple[_Eye, _Eye], limits: tuple[int, int], threads: int) -> Start:
     """The semi-global start, of smaller images where the cost volume would not fit."""
-    height, width = left.shape[:2]
+    height, width = eyes[0].gray.shape
     shrink = 1
     while VOXEL_BYTES * height * width * (limits[1] - limits[0] + 1) / shrink**3 > MOST_BYTES:
         shrink *= 2
-    small = [_Eye.of(_shrunk(image, shrink)) for image in (left, right)]
-    scale = width / small[0].gray.shape[1]
+    left, right = eyes if shrink == 1 else _Eye.pair(*(_shrunk(eye.pixels, shrink) for eye in eyes))
+    scale = width / left.gray.shape[1]
     low, high = math.floor(limits[0] / scale), math.ceil(limits[1] / scale)
-    start = semiglobal_start(small[0].planes, small[1].planes, small[0].gray, small[1].gray, low, high, threads)
+    start = semiglobal_start(left.planes, right.planes, left.gray, right.gray, low, high, threads)
     if shrink == 1:
         return start
-    disparity, right_map, curvature = (
+    disparity, other, curvature = (
         np.asarray(cv2.resize(a, (width, height), interpolation=cv2.INTER_NEAREST), np.float32) for a in start
     )
-    return Start((disparity * scale).clip(*limits).astype(np.float32), right_map * np.float32(scale), curvature)
+    return Start((disparity * scale).clip(*limits).astype(np.float32), other * np.float32(scale), curvature)
 
 
 def _shrunk(image: ByteImage, factor: int) -> ByteImage:
-    if factor == 1:
-        return image
+    """Smaller by a factor, (H, W, C)."""
     size = max(image.shape[1] // factor, 1), max(image.shape[0] // factor, 1)
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8).reshape(size[1], size[0], -1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,15 +159,17 @@ class _Eye:
 
     pixels: ByteImage
     planes: ByteImage
-    gray: ByteImage
+    gray: Gray
 
     @classmethod
-    def of(cls, image: ByteImage) -> _Eye:
-        pixels = np.ascontiguousarray(np.atleast_3d(image))
-        gray = np.ascontiguousarray(pixels[..., 0])
-        if pixels.shape[2] == 3:
-            gray = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY), np.uint8)
-        return cls(pixels, np.ascontiguousarray(pixels.transpose(2, 0, 1)), gray)
+    def pair(cls, left: ByteImage, right: ByteImage) -> tuple[_Eye, _Eye]:
+        """Both, made alike."""
+        pixels = [np.ascontiguousarray(np.atleast_3d(image)) for image in (left, right)]
+        grays = gray_pair(*pixels)
+        first, second = (
+            cls(p, np.ascontiguousarray(p.transpose(2, 0, 1)), g) for p, g in zip(pixels, grays, strict=True)
+        )
+        return first, second
 
 
 def _compare(disparity: FloatImage, right: FloatImage, limits: tuple[int, int], threads: int) -> ByteImage:
@@ -203,18 +205,18 @@ def _planes(
 
 def _view(eye: _Eye, other: _Eye, limits: tuple[int, int], threads: int) -> View:
     shape = eye.gray.shape
-    comparisons, gray = np.empty((24, *shape), np.uint8), eye.gray.astype(np.int16) * 16
-    share(lambda b: comparison_planes(gray, *b, comparisons), bands(shape[0], threads), threads)
+    comparisons = np.empty((24, *shape), np.uint8)
+    share(lambda b: comparison_planes(eye.gray, *b, comparisons), bands(shape[0], threads), threads)
     arms, inverse = np.empty((4, *shape), np.uint8), np.empty(shape, np.float32)
     measure_arms(eye.pixels, arms)
     inverse_size(arms, inverse)
     return View(comparisons, _between_pixels(other.gray), arms, inverse, np.float32(limits[0]), np.float32(limits[1]))
 
 
-def _between_pixels(gray: ByteImage) -> NDArray[np.int16]:
+def _between_pixels(gray: Gray) -> NDArray[np.int16]:
     """Four samples a pixel along the rows, by cubic interpolation, 1/16 gray level."""
     height, width = gray.shape
-    source = gray.astype(np.float32) * 16
+    source = gray.astype(np.float32)
     flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
     samples = np.empty((height, width, QUARTERS), np.int16)
     for i in range(QUARTERS):

@@ -14,7 +14,7 @@ RADIUS = 2  #: half side of the window of `comparison_planes`: 24 comparisons
 
 
 @kernel
-def _words(gray: ByteImage, first: int, last: int, words: Words) -> None:
+def _words(gray: NDArray[np.int16], first: int, last: int, words: Words) -> None:
     height, width = gray.shape
     for v in range(first, last):
         for u in range(width):
@@ -28,7 +28,7 @@ def _words(gray: ByteImage, first: int, last: int, words: Words) -> None:
             words[v, u] = word
 
 
-def census_words(gray: ByteImage, first: int, last: int, words: Words) -> None:
+def census_words(gray: NDArray[np.int16], first: int, last: int, words: Words) -> None:
     """Write one bit per neighbour in a 9x7 window, rows `first` to `last`; the image is continued at its border."""
     _words(gray, first, last, words)
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.jit import kernel
 from uw_recon_ros.match.slanted.census import Words, census_words
+from uw_recon_ros.match.slanted.gray import LEVELS, Gray
 from uw_recon_ros.match.slanted.volume import Volume, fill_costs, smooth_costs
 from uw_recon_ros.match.slanted.workers import bands, share
 from uw_recon_ros.types import ByteImage, FloatImage
@@ -39,9 +40,9 @@ class Start(NamedTuple):
     curvature: FloatImage
 
 
-def jump_penalties(gray: ByteImage) -> NDArray[np.int16]:
+def jump_penalties(gray: Gray) -> NDArray[np.int16]:
     """Penalties towards the four predecessors of either direction of scanning, (2, 4, H, W), lower across edges."""
-    g = gray.astype(np.int16)
+    g = gray // np.int16(LEVELS)
     penalties = np.full((2, 4, *g.shape), JUMP, np.int16)
 
     def between(difference: NDArray[np.int16]) -> NDArray[np.int16]:
@@ -160,7 +161,7 @@ def _volume(
 
 
 def semiglobal_start(
-    left: ByteImage, right: ByteImage, gray_left: ByteImage, gray_right: ByteImage, low: int, high: int, threads: int
+    left: ByteImage, right: ByteImage, gray_left: Gray, gray_right: Gray, low: int, high: int, threads: int
 ) -> Start:
     """Match two rectified images at whole disparities from `low` to `high`, inclusive.
 
@@ -168,7 +169,8 @@ def semiglobal_start(
     ----------
     left, right : (C, H, W) uint8
         C = 1 or 3.
-    gray_left, gray_right : (H, W) uint8
+    gray_left, gray_right : (H, W) int16
+        Of `gray.gray_pair`.
     low, high : int
         px.
     threads : int

@@ -11,8 +11,8 @@ from uw_recon_ros.types import ByteImage, FloatImage
 REACH = 9  #: longest arm, px
 CERTAIN = 2  #: arms are at least this long, px: a lone pixel says too little
 NEAR, FAR = 20, 8  #: colour difference that ends an arm, in its nearer and its farther half, gray levels
-EDGE_SCALE = 30.0  #: summed colour difference that divides the smoothness by e, gray levels
-LEAST_SMOOTHNESS = 0.05  #: what is left of it across the strongest edge
+EDGE_SCALE = 20.0  #: summed colour difference that divides the smoothness by e, gray levels
+LEAST_SMOOTHNESS = 0.01  #: what is left of it across the strongest edge
 
 Arms = NDArray[np.uint8]
 

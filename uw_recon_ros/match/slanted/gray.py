@@ -1,0 +1,59 @@
+"""One gray image an eye for the comparisons of the census, finer than a byte, and smoothed where noise asks for it."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_recon_ros.types import ByteImage, FloatImage
+
+LEVELS = 16  #: steps a gray level: haze leaves a contrast of two or three gray levels
+LUMINANCE = (0.299, 0.587, 0.114)
+CLEAN, NOISY = 0.2, 0.4  #: noise / contrast up to which nothing is smoothed, and from which all channels weigh alike
+SMOOTHING = 0.5  #: standard deviation of the smoothing there, px
+_CONTRAST_WINDOW = 9
+
+Gray = NDArray[np.int16]
+
+
+def gray_pair(left: ByteImage, right: ByteImage) -> tuple[Gray, Gray]:
+    """Gray images of both eyes, (H, W), 1/16 gray level, made alike.
+
+    Where noise is strong against the contrast, the mean of the channels carries less of it than the luminance, and a
+    little smoothing helps the comparisons; elsewhere both would cost sharpness.
+
+    Parameters
+    ----------
+    left, right : (H, W, C) uint8
+        C = 1 or 3.
+    """
+    noise = np.clip((noise_to_contrast(_mixed(left, 0)) - CLEAN) / (NOISY - CLEAN), 0, 1)
+    return _quantised(left, float(noise)), _quantised(right, float(noise))
+
+
+def noise_to_contrast(gray: FloatImage) -> float:
+    """Standard deviation of the noise, from second differences (Immerkaer, 1996), over the median local contrast."""
+    if min(gray.shape) < _CONTRAST_WINDOW:
+        return 0.0
+    kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
+    noise = np.median(np.abs(cv2.filter2D(gray, -1, kernel))) / 0.6745 / 6
+    window = (_CONTRAST_WINDOW, _CONTRAST_WINDOW)
+    mean = cv2.blur(gray, window)
+    contrast = np.median(np.sqrt(np.maximum(cv2.blur(gray * gray, window) - mean * mean, 0)))
+    return float(noise / max(contrast, 1e-3))
+
+
+def _mixed(image: ByteImage, evenness: float) -> FloatImage:
+    """One channel: luminance, or with `evenness` 1 the mean of all."""
+    if image.shape[2] == 1:
+        return np.asarray(image[..., 0], np.float32)
+    weights = np.array(LUMINANCE, np.float32) * (1 - evenness) + evenness / 3
+    return np.asarray(cv2.transform(image.astype(np.float32), weights[None].astype(np.float32)), np.float32)
+
+
+def _quantised(image: ByteImage, noise: float) -> Gray:
+    gray = _mixed(image, noise)
+    if noise * SMOOTHING > 0.1:
+        gray = np.asarray(cv2.GaussianBlur(gray, (0, 0), noise * SMOOTHING), np.float32)
+    return np.asarray(np.round(gray * LEVELS), np.int16)
