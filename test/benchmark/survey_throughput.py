@@ -63,7 +63,7 @@ class Run:
 
     rate: float
     cpu_s: float
-    main_mb: list[float]
+    main_mb: list[tuple[int, float]]
     rows: list[dict[str, str]]
 
 
@@ -89,7 +89,7 @@ class Watch(threading.Thread):
     def __init__(self, pid: int, journal: Path) -> None:
         super().__init__(daemon=True)
         self._process, self._journal = psutil.Process(pid), journal
-        self.main_mb: list[float] = []
+        self.main_mb: list[tuple[int, float]] = []  # frames done, MB
         self.rate = self.cpu_s = 0.0
         self._cpu: dict[int, float] = {}
         self.start()
@@ -97,21 +97,21 @@ class Watch(threading.Thread):
     def run(self) -> None:
         first: tuple[float, int] | None = None
         while self._process.is_running():
+            rows = self._journal.read_bytes().count(b"\n") if self._journal.is_file() else 0
             try:
-                self._look()
+                self._look(rows)
             except psutil.Error:
                 return
-            rows = self._journal.read_bytes().count(b"\n") if self._journal.is_file() else 0
             now = time.monotonic()
             if rows and first is None:
                 first = now, rows
             if first and rows > first[1] and rows > getattr(self, "_seen", 0):
                 self._seen = rows
                 self.rate = (rows - first[1]) / (now - first[0])
-            time.sleep(0.05)
+            time.sleep(0.05 + 2e-5 * rows)
 
-    def _look(self) -> None:
-        self.main_mb.append(self._process.memory_info().rss / 2**20)
+    def _look(self, rows: int) -> None:
+        self.main_mb.append((rows, self._process.memory_info().rss / 2**20))
         for process in [self._process, *self._process.children(recursive=True)]:
             try:
                 times = process.cpu_times()
@@ -152,8 +152,9 @@ def memory(options: argparse.Namespace, folder: Path) -> None:
             "frames": len(peaks),
             "worker_mb_after_a_tenth": max(peaks[: tenth + 1]),
             "worker_mb_in_the_end": max(peaks),
-            "main_mb_after_a_tenth": max(run.main_mb[: len(run.main_mb) // 10 + 1]),
-            "main_mb_in_the_end": max(run.main_mb),
+            "main_mb_after_a_tenth": max(mb for rows, mb in run.main_mb if rows <= len(peaks) / 10),
+            "main_mb_after_all": max(mb for rows, mb in run.main_mb if rows < len(peaks)),
+            "main_mb_with_bag_and_report": max(mb for _, mb in run.main_mb),
             "frames_per_s": run.rate,
         }
     )

@@ -63,10 +63,10 @@ def replayed(dive: list[RawMessage], values: dict[str, Any]) -> dict[tuple[str, 
 
 
 def node_params(node: Any) -> Any:
-    from uw_recon_ros.pipeline import STAGES
+    from uw_recon_ros.catalogue import NODES
 
     names = {"PreprocessNode": "preprocess_node", "RectifyNode": "rectify_node", "DisparityNode": "disparity_node"}
-    return STAGES[names.get(node.__name__, "point_cloud_node")].specs()
+    return NODES[names.get(node.__name__, "point_cloud_node")][0].specs()
 
 
 def stamp_of(message: Any) -> int:

@@ -132,6 +132,13 @@ def test_stamps_that_go_back_are_named(tmp_path: Path) -> None:
     assert any("go back 1 times, first by 1.1 s" in note for note in listing.notes), listing.notes
 
 
+def test_a_splice_that_begins_before_the_first_stamp_is_kept(tmp_path: Path) -> None:
+    later = recording(16)[24:]
+    spliced = later + [replace(m, stamp_ns=m.stamp_ns + 2000 * MS) for m in FEW]
+    listing = assert_same_pairs(write_mcap(tmp_path / "bag.mcap", spliced))
+    assert len(listing.frames) == 16
+
+
 def test_undecodable_images_are_listed_and_refused_one_by_one(tmp_path: Path) -> None:
     broken = list(FEW)
     broken[6] = replace(broken[6], data=broken[6].data[:60])

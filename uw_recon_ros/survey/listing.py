@@ -83,8 +83,8 @@ def choose(frames: list[Frame], params: SurveyParams) -> list[Frame]:
         Nothing is left.
     """
     first = frames[0].stamp_ns
-    end = params.end or float("inf")
-    within = [frame for frame in frames if params.start <= (frame.stamp_ns - first) / 1e9 <= end]
+    start, end = params.start or float("-inf"), params.end or float("inf")  # stamps may go back before the first
+    within = [frame for frame in frames if start <= (frame.stamp_ns - first) / 1e9 <= end]
     chosen = within[:: params.every][: params.max_frames or None]
     if not chosen:
         lasts = (max(frame.stamp_ns for frame in frames) - first) / 1e9

@@ -15,7 +15,7 @@ class SurveyParams(Params):
     """Which frames are reconstructed, and what is written of each."""
 
     every: int = param(1, "Reconstruct every Nth pair.", low=1, high=1_000_000)
-    start: float = param(0.0, "Begin this long after the input's first pair.", unit="s", low=0.0, high=1e9)
+    start: float = param(0.0, "Begin this long after the input's first pair; 0: with it.", unit="s", low=0.0, high=1e9)
     end: float = param(0.0, "End this long after the input's first pair; 0: at the end.", unit="s", low=0.0, high=1e9)
     max_frames: int = param(0, "Stop after this many pairs; 0: all.", low=0, high=100_000_000)
     left_topic: str = param("", "Image topic of the left eye; empty: found by type and name.")
