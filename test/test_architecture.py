@@ -11,23 +11,27 @@ from pathlib import Path
 
 import pytest
 
+from uw_recon_ros.catalogue import ALL_PARAMS
 from uw_recon_ros.params import read_parameter_file
-from uw_recon_ros.pipeline import STAGES, PipelineParams, read_values
+from uw_recon_ros.pipeline import PipelineParams, read_values
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "uw_recon_ros"
 NOUNS = {"", "types", "params", "errors", "images", "calibration", "pairing", "jit", "progress", "evaluate"}
 STAGE_ROOMS = {"preprocess", "rectify", "match", "reconstruct"}
-OFFLINE = NOUNS | STAGE_ROOMS | {"pipeline"}
+NODE_PARAMS = {"node_params", "catalogue"}
+OFFLINE = NOUNS | STAGE_ROOMS | NODE_PARAMS | {"pipeline"}
 MAY_IMPORT = {
     **dict.fromkeys(NOUNS, NOUNS),
     **{room: NOUNS | {room} for room in STAGE_ROOMS},
+    "node_params": NOUNS,
+    "catalogue": NOUNS | STAGE_ROOMS | NODE_PARAMS,
     "pipeline": OFFLINE,
     "bags": NOUNS | {"bags"},
     "simulate": NOUNS | {"simulate", "bags"},
     "report": NOUNS | {"report"},
     "pair": OFFLINE | {"report"},
-    "ros": NOUNS | STAGE_ROOMS | {"pipeline", "ros"},
+    "ros": NOUNS | STAGE_ROOMS | NODE_PARAMS | {"ros"},
     "nodes": OFFLINE | {"ros", "nodes", "bags"},
     "survey": OFFLINE | {"survey", "bags", "report"},
     "cli": OFFLINE | {"pair", "bags", "simulate", "report", "survey"},
@@ -71,13 +75,13 @@ def test_offline_use_needs_no_ros() -> None:
     assert out.stdout.strip() == "False"
 
 
-def test_parameter_names_are_unique_over_all_stages() -> None:
-    names = [spec.name for cls in STAGES.values() for spec in cls.specs()]
+def test_parameter_names_are_unique_over_all_nodes() -> None:
+    names = [spec.name for cls in ALL_PARAMS for spec in cls.specs()]
     assert sorted(names) == sorted(set(names))
 
 
 def test_every_parameter_has_a_sentence() -> None:
-    for cls in STAGES.values():
+    for cls in ALL_PARAMS:
         for spec in cls.specs():
             assert re.fullmatch(r"[A-Z].*\.", spec.doc, re.DOTALL), f"{spec.name}: {spec.doc!r}"
 
@@ -112,7 +116,7 @@ def test_parameter_files_are_understood(path: Path) -> None:
 
 def test_default_file_holds_every_default() -> None:
     values = read_parameter_file(ROOT / "config" / "default.yaml", [])
-    assert values == {spec.name: spec.default for cls in STAGES.values() for spec in cls.specs()}
+    assert values == {spec.name: spec.default for cls in ALL_PARAMS for spec in cls.specs()}
 
 
 def test_generated_files_are_up_to_date() -> None:

@@ -9,21 +9,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from uw_recon_ros.catalogue import ALL_PARAMS, NODES
 from uw_recon_ros.match.stage import Match, MatchParams
-from uw_recon_ros.params import Params, read_parameter_file, unknown_names
+from uw_recon_ros.params import read_parameter_file, unknown_names
 from uw_recon_ros.preprocess.stage import Preprocess, PreprocessParams
 from uw_recon_ros.reconstruct.stage import Reconstruct, ReconstructParams
 from uw_recon_ros.rectify.stage import Rectify, RectifyParams
 from uw_recon_ros.rectify.tracker import RigTracker
 from uw_recon_ros.types import DepthMap, DisparityMap, EnhancedPair, PointCloud, RectifiedPair, StereoPair, Surface
-
-#: The node that runs each stage; its section of a parameter file holds the stage's parameters.
-STAGES: dict[str, type[Params]] = {
-    "preprocess_node": PreprocessParams,
-    "rectify_node": RectifyParams,
-    "disparity_node": MatchParams,
-    "point_cloud_node": ReconstructParams,
-}
 
 Announce = Callable[[str], None]
 
@@ -39,14 +32,14 @@ class PipelineParams:
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> PipelineParams:
-        """Build from one flat mapping of names to values.
+        """Build from one flat mapping of names to values; names that only nodes know are passed over.
 
         Raises
         ------
         TypeError, ValueError
-            A value is refused, or a name is no stage's.
+            A value is refused, or nobody knows the name.
         """
-        unknown = unknown_names(values, STAGES.values())
+        unknown = unknown_names(values, ALL_PARAMS)
         if unknown:
             raise ValueError(f"parameters: expected names of config/PARAMETERS.md, got {', '.join(unknown)}")
         return cls(
@@ -65,7 +58,7 @@ def read_values(path: str | Path) -> dict[str, Any]:
     OSError, ValueError
         The file cannot be read, or is no parameter file.
     """
-    values = read_parameter_file(path, [*STAGES, "pipeline_node"])
+    values = read_parameter_file(path, [*NODES, "pipeline_node"])
     values.pop("use_sim_time", None)
     return values
 

@@ -19,12 +19,12 @@ from sensor_msgs.msg import CameraInfo, Image
 from stereo_msgs.msg import DisparityImage
 
 from uw_recon_ros.match.stage import Match, MatchParams
+from uw_recon_ros.node_params import DisparityMessageParams
 from uw_recon_ros.ros.assembly import Group
 from uw_recon_ros.ros.diagnostics import Diagnostics
 from uw_recon_ros.ros.disparity import disparity_message, sigma_message, status_message
 from uw_recon_ros.ros.main import run
 from uw_recon_ros.ros.node import StageNode
-from uw_recon_ros.ros.node_params import DisparityMessageParams
 from uw_recon_ros.ros.outputs import Outputs
 from uw_recon_ros.ros.pairs import rectified_pair
 from uw_recon_ros.ros.parameters import ParameterSet

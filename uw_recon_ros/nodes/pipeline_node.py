@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from uw_recon_ros.match.stage import Match, MatchParams
+from uw_recon_ros.node_params import CameraParams, DisparityMessageParams
 from uw_recon_ros.nodes import disparity_node, point_cloud_node, preprocess_node, rectify_node
 from uw_recon_ros.preprocess.stage import Preprocess, PreprocessParams
 from uw_recon_ros.reconstruct.stage import Reconstruct, ReconstructParams
@@ -18,7 +19,6 @@ from uw_recon_ros.rectify.stage import RectifyParams
 from uw_recon_ros.ros.assembly import Group
 from uw_recon_ros.ros.main import run
 from uw_recon_ros.ros.node import StageNode
-from uw_recon_ros.ros.node_params import CameraParams, DisparityMessageParams
 from uw_recon_ros.ros.pairs import calibration_from_infos, raw_pair
 from uw_recon_ros.ros.parameters import ParameterSet
 from uw_recon_ros.types import RectifiedPair

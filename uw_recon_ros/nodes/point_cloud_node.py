@@ -24,6 +24,7 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from stereo_msgs.msg import DisparityImage
 from visualization_msgs.msg import Marker
 
+from uw_recon_ros.node_params import CloudParams, DisparityMessageParams
 from uw_recon_ros.reconstruct.stage import Reconstruct, ReconstructParams
 from uw_recon_ros.ros.assembly import Group
 from uw_recon_ros.ros.clouds import cloud_message, depth_messages, surface_message
@@ -32,7 +33,6 @@ from uw_recon_ros.ros.disparity import disparity_from_message
 from uw_recon_ros.ros.geometry import check_size, geometry_from_infos
 from uw_recon_ros.ros.main import run
 from uw_recon_ros.ros.node import StageNode
-from uw_recon_ros.ros.node_params import CloudParams, DisparityMessageParams
 from uw_recon_ros.ros.outputs import Outputs
 from uw_recon_ros.ros.pairs import color_image, expect_size
 from uw_recon_ros.ros.parameters import ParameterSet

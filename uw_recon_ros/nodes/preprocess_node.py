@@ -15,12 +15,12 @@ from typing import Any
 
 from sensor_msgs.msg import CompressedImage, Image
 
+from uw_recon_ros.node_params import CameraParams
 from uw_recon_ros.preprocess.stage import Preprocess, PreprocessParams
 from uw_recon_ros.ros.assembly import Group
 from uw_recon_ros.ros.main import run
 from uw_recon_ros.ros.messages import color_message, header, mono_message
 from uw_recon_ros.ros.node import StageNode
-from uw_recon_ros.ros.node_params import CameraParams
 from uw_recon_ros.ros.outputs import Outputs
 from uw_recon_ros.ros.pairs import raw_pair
 from uw_recon_ros.ros.parameters import ParameterSet

@@ -13,11 +13,11 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from uw_recon_ros.errors import ReconError
+from uw_recon_ros.node_params import NodeParams
 from uw_recon_ros.params import Params
 from uw_recon_ros.ros.assembly import Group
 from uw_recon_ros.ros.diagnostics import SUPERSEDED, Diagnostics, Throttle
 from uw_recon_ros.ros.inputs import Inputs
-from uw_recon_ros.ros.node_params import NodeParams
 from uw_recon_ros.ros.outputs import Outputs
 from uw_recon_ros.ros.parameters import NodeParameters, ParameterSet
 from uw_recon_ros.ros.qos import profile
@@ -32,7 +32,7 @@ _LONGEST_LATENCY_S = 3600.0
 
 def _all_classes() -> Iterable[type[Params]]:
     """The parameters of every node; imported only when there is a name to explain."""
-    from uw_recon_ros.ros.catalogue import ALL_PARAMS
+    from uw_recon_ros.catalogue import ALL_PARAMS
 
     return ALL_PARAMS
 
