@@ -52,18 +52,18 @@ class Workshop:
 
 
 _lock = threading.Lock()
-_workshop: tuple[str, Workshop] | None = None
+_workshops: dict[str, Workshop] = {}  # by the plan's digest; a Dask worker may serve two surveys at once
+_MOST_WORKSHOPS = 2
 
 
 def _enter(task: Task) -> Workshop:
-    """The workshop of this process; furnished anew when the plan is another."""
-    global _workshop
+    """This process's workshop for a plan; the oldest is given up, and closes its bags once no thread is in it."""
     with _lock:
-        if _workshop is None or _workshop[0] != task.digest:
-            if _workshop is not None:
-                _workshop[1].reader.close()
-            _workshop = task.digest, Workshop(load_plan(task))
-        return _workshop[1]
+        if task.digest not in _workshops:
+            if len(_workshops) >= _MOST_WORKSHOPS:
+                del _workshops[next(iter(_workshops))]
+            _workshops[task.digest] = Workshop(load_plan(task))
+        return _workshops[task.digest]
 
 
 def tie_points_of(task: Task) -> TiePoints | str:
