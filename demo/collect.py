@@ -19,8 +19,6 @@ from stereo_msgs.msg import DisparityImage
 from uw_recon_ros.ros.messages import stamp_ns
 
 PER_FRAME = {
-    "left/image_raw": Image,
-    "right/image_raw": Image,
     "left/image_enhanced": Image,
     "right/image_enhanced": Image,
     "rectified/left/image_rect_color": Image,
@@ -40,7 +38,7 @@ LAST = "points2"
 
 
 class Collector:
-    """Messages by stamp and topic, and when each came.
+    """Messages by stamp and topic, and how long after its images were sent each frame was whole.
 
     Parameters
     ----------
@@ -52,7 +50,8 @@ class Collector:
     def __init__(self, context: Context, name_space: str) -> None:
         self.node = Node("demo_collector", context=context, namespace=name_space)
         self.frames: defaultdict[int, dict[str, Any]] = defaultdict(dict)
-        self.arrived: defaultdict[int, dict[str, float]] = defaultdict(dict)
+        self.latency: dict[int, float] = {}
+        self._stepped = 0.0
         self.diagnostics: dict[str, dict[str, str]] = {}
         keep_all = QoSProfile(history=QoSHistoryPolicy.KEEP_ALL, durability=QoSDurabilityPolicy.VOLATILE)
         for topic, kind in PER_FRAME.items():
@@ -66,7 +65,8 @@ class Collector:
         def keep(message: Any) -> None:
             stamp = stamp_ns(message)
             self.frames[stamp][topic] = message
-            self.arrived[stamp][topic] = time.monotonic()
+            if topic == LAST:
+                self.latency[stamp] = time.monotonic() - self._stepped
 
         return keep
 
@@ -80,6 +80,7 @@ class Collector:
         future = None
         while future is None or not future.done():
             if future is None and self._stepper.service_is_ready():
+                self._stepped = time.monotonic()
                 future = self._stepper.call_async(Trigger.Request())
             self.spin(0.05)
 

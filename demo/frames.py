@@ -6,10 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
-
-from uw_recon_ros.bags.messages import decode
 from uw_recon_ros.bags.reader import open_bag
 from uw_recon_ros.calibration import camera_from_info
 from uw_recon_ros.images import to_gray
@@ -18,6 +14,7 @@ from uw_recon_ros.ros.disparity import disparity_from_message
 from uw_recon_ros.ros.geometry import geometry_from_infos
 from uw_recon_ros.ros.messages import float_image_from_message, image_from_message
 from uw_recon_ros.ros.pairs import color_image
+from uw_recon_ros.simulate.truth import rectify_depth
 from uw_recon_ros.types import (
     ByteImage,
     CameraModel,
@@ -26,6 +23,7 @@ from uw_recon_ros.types import (
     FloatImage,
     RectificationQuality,
     RectifiedPair,
+    StereoGeometry,
 )
 
 
@@ -68,35 +66,16 @@ class Truth:
     @classmethod
     def read(cls, bag: Path) -> Truth:
         """Read the truth topics of a bag made by ``uw_recon simulate``."""
-        depth: dict[int, FloatImage] = {}
-        camera = None
         with open_bag(bag) as reader:
-            for raw in reader.raw_messages(["/truth/depth", "/truth/left/camera_info"]):
-                message = decode(raw)
-                if raw.topic == "/truth/depth":
-                    shape = message.height, message.width
-                    depth[_stamp_ns(message)] = np.frombuffer(message.data, "<f4").reshape(shape)
-                else:
-                    camera = camera_from_info(message)
+            depth = dict(reader.depth_images())
+            camera = next((camera_from_info(info) for _, info in reader.messages(["/truth/left/camera_info"])), None)
         if camera is None or not depth:
             raise SystemExit(f"demo: {bag}: expected the topics /truth/depth and /truth/left/camera_info")
         return cls(camera, depth)
 
-    def in_rectified_view(self, stamp_ns: int, geometry: Any, shape: tuple[int, ...]) -> FloatImage:
-        """Look the truth up along the rays of the rectified left view: (H, W) float32, m along its optical axis."""
-        v, u = np.indices(shape[:2], np.float64)
-        pixels = np.stack([u.ravel(), v.ravel(), np.ones(u.size)])
-        turned = np.array(geometry.rect_from_raw_left).T @ np.linalg.solve(geometry.intrinsics_left, pixels)
-        rays = turned / turned[2]
-        raw, _ = cv2.projectPoints(rays.T, np.zeros(3), np.zeros(3), self.camera.k, self.camera.d)
-        raw_map = raw.reshape(*shape[:2], 2).astype(np.float32)
-        depth = cv2.remap(self.depth[stamp_ns], raw_map, None, cv2.INTER_NEAREST, borderValue=float("nan"))
-        along: FloatImage = (depth / turned[2].reshape(shape[:2])).astype(np.float32)
-        return along
-
-
-def _stamp_ns(message: Any) -> int:
-    return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
+    def in_rectified_view(self, stamp_ns: int, geometry: StereoGeometry, shape: tuple[int, ...]) -> FloatImage:
+        """True depth of the rectified left view: (H, W) float32, m along its optical axis."""
+        return rectify_depth(self.depth[stamp_ns], self.camera, geometry, shape[1], shape[0])
 
 
 def read_frame(stamp_ns: int, got: dict[str, Any], truth: Truth) -> Frame:

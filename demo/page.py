@@ -15,7 +15,6 @@ from uw_recon_ros.reconstruct.stage import Reconstruct, ReconstructParams
 from uw_recon_ros.report.numbers import measured, percent
 from uw_recon_ros.report.page import Section
 from uw_recon_ros.report.pair import write_pair_page
-from uw_recon_ros.ros.messages import image_from_message
 from uw_recon_ros.types import EnhancedPair, RectificationQuality, RectifiedPair, StereoPair
 
 Diagnostics = Mapping[str, Mapping[str, str]]
@@ -65,27 +64,24 @@ def _as_reported(rectified: RectifiedPair, said: Mapping[str, str]) -> Rectified
 def write_demo_page(
     path: Path,
     frames: Sequence[Frame],
-    expected: int,
-    latency: Mapping[int, float],
+    raw: Mapping[int, StereoPair],
     collector: Collector,
 ) -> Path:
     """Show a typical frame and the numbers of all."""
     frame = _middle(frames)
     rectified = _as_reported(frame.rectified, collector.diagnostics.get("rectify_node", {}))
-    got = collector.frames[frame.stamp_ns]
-    raw = StereoPair(*(image_from_message(got[f"{eye}/image_raw"]) for eye in ("left", "right")))
     surface = Reconstruct(ReconstructParams()).surface(frame.depth, frame.rectified.left)
     enhanced = EnhancedPair(*frame.enhanced, frame.rectified.left_matching, frame.rectified.right_matching)
     more = [
-        Section("All frames of the replay", "", (), frame_rows(frames, latency), FRAME_HEADER),
+        Section("All frames of the replay", "", (), frame_rows(frames, collector.latency), FRAME_HEADER),
         Section("The nodes, as they report on /diagnostics", "", (), node_rows(collector.diagnostics), NODE_HEADER),
     ]
     lead = (
         f"A simulated dive with known depth, replayed from a bag through four ROS 2 nodes, each a process: "
-        f"{len(frames)} of {expected} stereo pairs came through. Shown is frame {frames.index(frame) + 1}."
+        f"{len(frames)} of {len(raw)} stereo pairs came through. Shown is frame {frames.index(frame) + 1}."
     )
     write_pair_page(
-        path, raw, enhanced, rectified, frame.disparity, frame.depth, surface,
+        path, raw[frame.stamp_ns], enhanced, rectified, frame.disparity, frame.depth, surface,
         truth=frame.truth, title="Underwater stereo reconstruction", lead=lead, more=more,
     )  # fmt: skip
     return path
@@ -97,9 +93,9 @@ def _aligned(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join([lines[0], "  ".join("-" * width for width in widths), *lines[1:]])
 
 
-def print_table(frames: Sequence[Frame], expected: int, latency: Mapping[int, float], diagnostics: Diagnostics) -> None:
+def print_table(frames: Sequence[Frame], expected: int, collector: Collector) -> None:
     """Print what the page tells in numbers."""
-    say("\n" + _aligned(FRAME_HEADER, frame_rows(frames, latency)))
-    say("\n" + _aligned(NODE_HEADER, node_rows(diagnostics)))
+    say("\n" + _aligned(FRAME_HEADER, frame_rows(frames, collector.latency)))
+    say("\n" + _aligned(NODE_HEADER, node_rows(collector.diagnostics)))
     relative = float(np.median([frame.errors.median_relative for frame in frames]))
     say(f"\n{len(frames)} of {expected} pairs; median depth error {percent(relative)} of the depth")

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import rclpy
-from collect import LAST, Collector
+from collect import Collector
 from frames import Frame, Truth, read_frame
 from graph import NODES, Graph
 from page import print_table, write_demo_page
@@ -29,6 +29,7 @@ from uw_recon_ros.types import StereoPair
 
 ROOT = Path(__file__).resolve().parent.parent
 NAME_SPACE = "/uw_demo"
+CAMERAS = [f"/{eye}/{topic}" for eye in ("left", "right") for topic in ("image_raw", "camera_info")]
 _WAIT_S = 120.0
 
 
@@ -48,18 +49,16 @@ def compile_kernels(pair: StereoPair) -> None:
     say(f"      done in {time.monotonic() - started:.0f} s")
 
 
-def first_pair(bag: Path) -> tuple[StereoPair, int]:
-    """The first stereo pair of a bag, and how many there are."""
+def raw_pairs(bag: Path) -> dict[int, StereoPair]:
+    """The stereo pairs of a bag by stamp."""
     with open_bag(bag) as reader:
-        pairs = iter(reader.stereo_pairs())
-        first = next(pairs)
-        return first, 1 + sum(1 for _ in pairs)
+        return {pair.stamp_ns: pair for pair in reader.stereo_pairs()}
 
 
 def replay(graph: Graph, collector: Collector, args: argparse.Namespace, expected: int) -> None:
     """Play the bag frame by frame, each when the one before has come through: a slow machine loses none."""
     wait(graph, lambda: collector.diagnostics.keys() >= set(NODES), collector)
-    graph.start("bag_player_node", str(args.bag), "--start-paused", "--wait-for-subscribers")
+    graph.start("bag_player_node", str(args.bag), "--start-paused", "--wait-for", *CAMERAS)
     for number in range(1, expected + 1):
         collector.step()
         wait(graph, lambda n=number: len(collector.complete()) >= n, collector)
@@ -85,9 +84,10 @@ def main() -> int:
     args.output.mkdir(parents=True, exist_ok=True)
     os.environ.setdefault("ROS_LOG_DIR", str((args.output / "log").resolve()))
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    pair, expected = first_pair(args.bag)
+    raw = raw_pairs(args.bag)
+    expected = len(raw)
     truth = Truth.read(args.bag)
-    compile_kernels(pair)
+    compile_kernels(next(iter(raw.values())))
 
     if warning := transport.prepare():
         say(f"      {warning}")
@@ -107,10 +107,9 @@ def main() -> int:
     frames: list[Frame] = [read_frame(s, collector.frames[s], truth) for s in collector.complete()]
     if not frames:
         raise SystemExit(f"demo: expected {expected} frames, got none whole; the nodes' logs are in {args.output}/log")
-    latency = {s: at[LAST] - at["left/image_raw"] for s, at in collector.arrived.items() if LAST in at}
     say("[4/4] writing the page")
-    page = write_demo_page(args.output / "index.html", frames, expected, latency, collector)
-    print_table(frames, expected, latency, collector.diagnostics)
+    page = write_demo_page(args.output / "index.html", frames, raw, collector)
+    print_table(frames, expected, collector)
     say(f"\nLook at {page}  ({time.monotonic() - started:.0f} s)")
     return 0 if len(frames) == expected else 1
 

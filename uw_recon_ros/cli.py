@@ -8,8 +8,8 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Collection, Iterable, Sequence
+from typing import TYPE_CHECKING, TypeVar
 
 from uw_recon_ros import __version__
 from uw_recon_ros.errors import ReconError
@@ -19,6 +19,7 @@ from uw_recon_ros.survey.command import add_survey
 if TYPE_CHECKING:
     from uw_recon_ros.pipeline import PipelineParams
 
+T = TypeVar("T")
 OK, FAILED, USAGE = 0, 1, 2
 
 
@@ -35,6 +36,11 @@ def _params(args: argparse.Namespace, **given: object) -> PipelineParams:
         return PipelineParams.from_mapping((read_values(args.params) if args.params else {}) | options)
     except (TypeError, ValueError) as error:
         raise _UsageError(str(error)) from error
+
+
+def _shown(what: str) -> Callable[[Collection[T]], Iterable[T]]:
+    """How far a loop is, told on standard error."""
+    return lambda items: progress(items, what, len(items))
 
 
 def _pair(args: argparse.Namespace) -> int:
@@ -65,7 +71,7 @@ def _pack(args: argparse.Namespace) -> int:
     from uw_recon_ros.calibration import read_calibration
 
     calibration = read_calibration(args.calibration) if args.calibration else None
-    pack(args.left, args.right, args.output, calibration=calibration, rate_hz=args.rate)
+    pack(args.left, args.right, args.output, calibration=calibration, rate_hz=args.rate, progress=_shown("pairs"))
     return OK
 
 
@@ -85,7 +91,7 @@ def _simulate(args: argparse.Namespace) -> int:
         params = SimulateParams.from_mapping({name: value for name, value in given.items() if value is not None})
     except (TypeError, ValueError) as error:
         raise _UsageError(str(error)) from error
-    simulate(args.output, params, progress=lambda frames: progress(frames, "frames", len(frames)))
+    simulate(args.output, params, progress=_shown("frames"))
     return OK
 
 
