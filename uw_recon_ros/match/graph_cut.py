@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros.match.methods import EFFORTS
-from uw_recon_ros.match.slanted.census import comparison_planes
-from uw_recon_ros.match.slanted.gray import Gray, gray_pair
+from uw_recon_ros.match.slanted.census import difference_planes
+from uw_recon_ros.match.slanted.gray import Gray, gray_pair, local_contrast
 from uw_recon_ros.match.slanted.moves import UNITS, Labelling, energy
-from uw_recon_ros.match.slanted.plane_cost import FORBIDDEN, QUARTERS, View
+from uw_recon_ros.match.slanted.plane_cost import FORBIDDEN, QUARTERS, View, weigh
 from uw_recon_ros.match.slanted.proposals import FIT, NEAR, OWN, POINTS, SHAKEN
 from uw_recon_ros.match.slanted.refine import Pass, disparity_of, refine
 from uw_recon_ros.match.slanted.semiglobal import Start, semiglobal_start
@@ -50,7 +50,7 @@ _ROUND = (Pass(POINTS, 2, True), Pass(FIT, 2, True), Pass(OWN, 2, True), Pass(NE
 SCHEDULES = {
     "navigation": Schedule(()),
     "balanced": Schedule(_FIRST + _ROUND),
-    "quality": Schedule(_FIRST + 4 * _ROUND, 1.0),
+    "quality": Schedule(_FIRST + 4 * _ROUND, 2.0),
 }
 
 
@@ -160,14 +160,15 @@ class _Eye:
     pixels: ByteImage
     planes: ByteImage
     gray: Gray
+    noise_to_contrast: float
 
     @classmethod
     def pair(cls, left: ByteImage, right: ByteImage) -> tuple[_Eye, _Eye]:
         """Both, made alike."""
         pixels = [np.ascontiguousarray(np.atleast_3d(image)) for image in (left, right)]
-        grays = gray_pair(*pixels)
+        *grays, noise = gray_pair(*pixels)
         first, second = (
-            cls(p, np.ascontiguousarray(p.transpose(2, 0, 1)), g) for p, g in zip(pixels, grays, strict=True)
+            cls(p, np.ascontiguousarray(p.transpose(2, 0, 1)), g, noise) for p, g in zip(pixels, grays, strict=True)
         )
         return first, second
 
@@ -205,12 +206,14 @@ def _planes(
 
 def _view(eye: _Eye, other: _Eye, limits: tuple[int, int], threads: int) -> View:
     shape = eye.gray.shape
-    comparisons = np.empty((24, *shape), np.uint8)
-    share(lambda b: comparison_planes(eye.gray, *b, comparisons), bands(shape[0], threads), threads)
+    differences = np.empty((24, *shape), np.int16)
+    share(lambda b: difference_planes(eye.gray, *b, differences), bands(shape[0], threads), threads)
     arms, inverse = np.empty((4, *shape), np.uint8), np.empty(shape, np.float32)
     measure_arms(eye.pixels, arms)
     inverse_size(arms, inverse)
-    return View(comparisons, _between_pixels(other.gray), arms, inverse, np.float32(limits[0]), np.float32(limits[1]))
+    samples = _between_pixels(other.gray)
+    weights = weigh(local_contrast(eye.gray), eye.noise_to_contrast)
+    return View(differences, *weights, samples, arms, inverse, np.float32(limits[0]), np.float32(limits[1]))
 
 
 def _between_pixels(gray: Gray) -> NDArray[np.int16]:

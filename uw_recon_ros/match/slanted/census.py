@@ -6,11 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros.jit import kernel
-from uw_recon_ros.types import ByteImage
 
 Words = NDArray[np.uint64]
 ROWS, COLUMNS = 3, 4  #: half height and half width of the window of `census_words`: 62 comparisons
-RADIUS = 2  #: half side of the window of `comparison_planes`: 24 comparisons
+RADIUS = 2  #: half side of the window of `difference_planes`: 24 neighbours
 
 
 @kernel
@@ -34,8 +33,8 @@ def census_words(gray: NDArray[np.int16], first: int, last: int, words: Words) -
 
 
 @kernel
-def comparison_planes(gray: NDArray[np.int16], first: int, last: int, planes: ByteImage) -> None:
-    """Write the comparisons with the 24 neighbours as 0 or 1, one image each, (24, H, W)."""
+def difference_planes(gray: NDArray[np.int16], first: int, last: int, planes: NDArray[np.int16]) -> None:
+    """Write by how much each of the 24 neighbours is brighter, one image each, (24, H, W)."""
     height, width = gray.shape
     n = 0
     for dv in range(-RADIUS, RADIUS + 1):
@@ -46,5 +45,5 @@ def comparison_planes(gray: NDArray[np.int16], first: int, last: int, planes: By
                 y = min(max(v + dv, 0), height - 1)
                 for u in range(width):
                     x = min(max(u + du, 0), width - 1)
-                    planes[n, v, u] = np.uint8(gray[y, x] > gray[v, u])
+                    planes[n, v, u] = gray[y, x] - gray[v, u]
             n += 1

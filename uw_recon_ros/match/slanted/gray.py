@@ -17,8 +17,8 @@ _CONTRAST_WINDOW = 9
 Gray = NDArray[np.int16]
 
 
-def gray_pair(left: ByteImage, right: ByteImage) -> tuple[Gray, Gray]:
-    """Gray images of both eyes, (H, W), 1/16 gray level, made alike.
+def gray_pair(left: ByteImage, right: ByteImage) -> tuple[Gray, Gray, float]:
+    """Gray images of both eyes, (H, W), 1/16 gray level, made alike; and the noise over the contrast.
 
     Where noise is strong against the contrast, the mean of the channels carries less of it than the luminance, and a
     little smoothing helps the comparisons; elsewhere both would cost sharpness.
@@ -28,8 +28,9 @@ def gray_pair(left: ByteImage, right: ByteImage) -> tuple[Gray, Gray]:
     left, right : (H, W, C) uint8
         C = 1 or 3.
     """
-    noise = np.clip((noise_to_contrast(_mixed(left, 0)) - CLEAN) / (NOISY - CLEAN), 0, 1)
-    return _quantised(left, float(noise)), _quantised(right, float(noise))
+    ratio = noise_to_contrast(_mixed(left, 0))
+    noise = float(np.clip((ratio - CLEAN) / (NOISY - CLEAN), 0, 1))
+    return _quantised(left, noise), _quantised(right, noise), ratio
 
 
 def noise_to_contrast(gray: FloatImage) -> float:
@@ -38,10 +39,15 @@ def noise_to_contrast(gray: FloatImage) -> float:
         return 0.0
     kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
     noise = np.median(np.abs(cv2.filter2D(gray, -1, kernel))) / 0.6745 / 6
+    return float(noise / max(local_contrast(gray), 1e-3))
+
+
+def local_contrast(gray: FloatImage | Gray) -> float:
+    """Median standard deviation within 9x9 pixels, in units of the image."""
+    values = gray.astype(np.float32)
     window = (_CONTRAST_WINDOW, _CONTRAST_WINDOW)
-    mean = cv2.blur(gray, window)
-    contrast = np.median(np.sqrt(np.maximum(cv2.blur(gray * gray, window) - mean * mean, 0)))
-    return float(noise / max(contrast, 1e-3))
+    mean = cv2.blur(values, window)
+    return float(np.median(np.sqrt(np.maximum(cv2.blur(values * values, window) - mean * mean, 0))))
 
 
 def _mixed(image: ByteImage, evenness: float) -> FloatImage:
