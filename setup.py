@@ -66,7 +66,7 @@ setup(
         "dask": DASK,
         "laz": LAZ,
         "test": TEST,
-        "dev": [*TEST, "ruff>=0.6", "mypy>=1.11", "types-PyYAML", "types-tqdm"],
+        "dev": [*TEST, "ruff~=0.17.6", "mypy~=2.4.1", "scipy-stubs", "types-PyYAML", "types-tqdm"],
     },
     zip_safe=False,
     entry_points={
