@@ -15,10 +15,9 @@ from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
 from uw_recon_ros.match.constants import Constants
 from uw_recon_ros.match.energy import OCCLUDED
-from uw_recon_ros.match.forest import gather, grow, join_bands, plant
-from uw_recon_ros.match.graph import CHANGED, FORBIDDEN, Flow, Graph, Lists, Part, make_flow, make_lists
+from uw_recon_ros.match.graph import FORBIDDEN, REGION, ROUND, Flow, Graph, Lists, Part, make_flow, make_lists
 from uw_recon_ros.match.labelling import make_graph
-from uw_recon_ros.match.mincut import push_relabel
+from uw_recon_ros.match.mincut import join_band, left_over, push_far, push_nearby
 
 CONSTANTS = Constants(denominator=1, occlusion_cost=0, smoothness=7, smoothness_at_edge=3)
 MUCH = 10**6
@@ -91,23 +90,19 @@ def runs_of(graph: Graph, first: int, stop: int) -> NDArray[np.int32]:
 def solve(graph: Graph, alpha: int, rows: int, bands: int) -> tuple[int, set[int]]:
     pixels = graph.label.size
     flow: Flow = make_flow(pixels)
-    flags = np.zeros(2 * pixels, np.uint8)
     width = pixels // rows
     cuts = [rows * index // bands * width for index in range(bands + 1)]
-    whole = Part(alpha, 64, pixels, 0, pixels)
+    whole = Part(alpha, ROUND, pixels, 0, pixels)
     lists: list[Lists] = []
     for first, stop in pairwise(cuts):
-        lists.append(make_lists(pixels, flags))
+        lists.append(make_lists(pixels))
         part = whole._replace(first=first, stop=stop)
-        push_relabel(runs_of(graph, first, stop), part, graph, flow, lists[-1])
-        plant(flow, lists[-1])
-        grow(part, graph, flow, lists[-1])
+        push_nearby(runs_of(graph, first, stop), part, graph, flow, lists[-1])
+        push_far(part, graph, flow, lists[-1])
     for other, seam in zip(lists[1:], cuts[1:-1], strict=True):
-        join_bands(seam, other, whole, graph, flow, lists[0])
-    grow(whole, graph, flow, lists[0])
-    left = gather(flow, lists[0])
-    assert not flags.any()
-    return left, set(lists[0].changed[: lists[0].state[CHANGED]].tolist())
+        join_band(seam, other, whole, graph, flow, lists[0])
+    push_far(whole, graph, flow, lists[0])
+    return left_over(flow, lists[0]), set(lists[0].region[: lists[0].state[REGION]].tolist())
 
 
 @pytest.mark.parametrize("bands", [1, 2, 3])

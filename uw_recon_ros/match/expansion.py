@@ -12,13 +12,12 @@ from uw_recon_ros.jit import kernel
 from uw_recon_ros.match.constants import Constants
 from uw_recon_ros.match.cost import View
 from uw_recon_ros.match.energy import Labels
-from uw_recon_ros.match.forest import gather, grow, join_bands, plant
-from uw_recon_ros.match.graph import CHANGED, Flow, Graph, Lists, Part, make_flow, make_lists
+from uw_recon_ros.match.graph import REGION, ROUND, ROUNDS, Flow, Graph, Lists, Part, make_flow, make_lists
 from uw_recon_ros.match.labelling import Costs, Scene, act, make_graph, prepare
-from uw_recon_ros.match.mincut import push_relabel
+from uw_recon_ros.match.mincut import join_band, left_over, push_far, push_nearby
 from uw_recon_ros.match.tiles import make_tiles, most_runs, note_changes, open_tiles
 
-_BASE = 64  # tags of a move: its number times this + height
+_LAST_ROUND = 1024  # tags are cleared when a move would start beyond: they are 32-bit integers
 _LEAST_BAND = 24  # rows: smaller bands are not worth their seams
 _BANDS_A_THREAD = 2  # bands are unlike: whoever is through with an easy one takes another
 
@@ -56,11 +55,11 @@ class Expansion:
         self._runs = np.zeros((most_runs(height, width), 2), np.int32)
         self._fresh = np.zeros(height * width, np.int32)
         self._bands = _make_bands(height, width, threads)
-        flags = np.zeros(2 * height * width, np.uint8)
         self._lists = [
-            make_lists(height * width if index == 0 else stop - first, flags)
+            make_lists(height * width if index == 0 else stop - first)
             for index, (first, stop) in enumerate(self._bands)
         ]
+        self._round = 0
 
     @property
     def labels(self) -> Labels:
@@ -83,13 +82,19 @@ class Expansion:
         count = open_tiles(label, alpha, self._move, width, self.tiles, self._graph.opened, self._runs)
         if count == 0:
             return 0
-        whole = Part(alpha, self._move * _BASE, self._graph.label.size, 0, self._graph.label.size)
+        whole = Part(alpha, self._next_base(), self._graph.label.size, 0, self._graph.label.size)
         self._solve_bands(whole, self._runs[:count], executor)
-        if not any(lists.state[CHANGED] for lists in self._lists):
-            return 0
         if len(self._lists) > 1:
             self._join(whole)
-        return self._act(whole)
+        self._round = int(self._lists[0].state[ROUNDS])
+        return self._act(whole) if self._lists[0].state[REGION] else 0
+
+    def _next_base(self) -> int:
+        """Least tag of a new move."""
+        if self._round >= _LAST_ROUND:
+            self._flow.tag[:] = 0
+            self._round = 0
+        return (self._round + 1) * ROUND
 
     def _solve_bands(self, whole: Part, runs: NDArray[np.int32], executor: Executor) -> None:
         parts = [whole._replace(first=first, stop=stop) for first, stop in self._bands]
@@ -106,15 +111,15 @@ class Expansion:
 
     def _join(self, whole: Part) -> None:
         for lists, (first, _) in zip(self._lists[1:], self._bands[1:], strict=True):
-            join_bands(first, lists, whole, self._graph, self._flow, self._lists[0])
-        grow(whole, self._graph, self._flow, self._lists[0])
+            join_band(first, lists, whole, self._graph, self._flow, self._lists[0])
+        push_far(whole, self._graph, self._flow, self._lists[0])
 
     def _act(self, whole: Part) -> int:
         lists = self._lists[0]
-        fall = int(gather(self._flow, lists))
-        changed = lists.changed[: lists.state[CHANGED]]
-        note_changes(changed, whole.alpha, self._move, self._scene.width, self._graph.label, self.tiles)
-        act(changed, whole, self._scene, self._costs, self._graph, self._fresh)
+        fall = int(left_over(self._flow, lists))
+        region = lists.region[: lists.state[REGION]]
+        note_changes(region, whole.alpha, self._move, self._scene.width, self._graph.label, self.tiles)
+        act(region, self._move, whole, self._scene, self._costs, self._graph, self._fresh)
         self.energy -= fall
         return fall
 
@@ -125,9 +130,8 @@ def _solve(
 ) -> None:
     """All of a move that concerns one band alone."""
     prepare(runs, part, scene, costs, graph)
-    push_relabel(runs, part, graph, flow, lists)
-    plant(flow, lists)
-    grow(part, graph, flow, lists)
+    push_nearby(runs, part, graph, flow, lists)
+    push_far(part, graph, flow, lists)
 
 
 def _make_bands(height: int, width: int, threads: int) -> list[tuple[int, int]]:

@@ -34,6 +34,8 @@ from uw_recon_ros.match.energy import OCCLUDED
 
 UNBOUNDED = 1 << 29  #: capacity of a uniqueness arc
 FORBIDDEN = 1 << 28  #: what the deed of a node outside the move costs
+ROUND = 1 << 20  #: tags a round: more than any way is long
+HIGHEST_ROUND = (1 << 11) - 1
 RECORD = 8  #: int32 values a node: excess (a deficit if negative), residual capacity of arcs 0 to 5, end of arc 5
 
 _NO_LABEL = OCCLUDED
@@ -77,43 +79,36 @@ class Flow(NamedTuple):
     node : (RECORD * 2 n,) int32
         See `RECORD`.
     tag : (2 n,) int32
-        ``Part.base`` + a lower bound of the number of arcs to the sink; less than the base: not yet reached.
-    parent : (2 n,) int8
-        Search forest: the arc to the parent + 1, or one of the constants in `forest`.
-    distance, time : (2 n,) int32
-        Search forest: arcs to the root, and when that was known.
+        Round of the search in which the node was last seen, times `ROUND`, + its height: a lower bound of the number of
+        arcs to the sink.
     """
 
     node: NDArray[np.int32]
     tag: NDArray[np.int32]
-    parent: NDArray[np.int8]
-    distance: NDArray[np.int32]
-    time: NDArray[np.int32]
 
 
 class Lists(NamedTuple):
-    """Lists of nodes, one set a band. A ring holds one node less than its size.
+    """Lists of nodes, one set a band.
 
     Parameters
     ----------
-    active, orphans : (m,) int32
-        Rings: nodes waiting to be worked off.
-    changed : (m,) int32
-        Nodes left with an excess, then those of the search forest; in the end, the source side.
-    flags : (2 n,) uint8
-        Of the search: bit 0, waits in `active`; bit 1, stands in `changed`. Common to all bands.
-    state : (6,) int64
-        Start and end of `active` (`ACTIVE`), of `orphans` (`ORPHANS`), length of `changed` (`CHANGED`), `CLOCK`.
+    active : (m + 1,) int32
+        A ring: nodes waiting to be worked off.
+    left : (m,) int32
+        Nodes with an excess that they could not get rid of.
+    region : (m,) int32
+        Nodes that the source reaches; in the end, the source side of the minimum cut.
+    state : (5,) int64
+        `START` and `END` of `active`, numbers of `LEFT` and `REGION`, the last `ROUNDS` number used.
     """
 
     active: NDArray[np.int32]
-    orphans: NDArray[np.int32]
-    changed: NDArray[np.int32]
-    flags: NDArray[np.uint8]
+    left: NDArray[np.int32]
+    region: NDArray[np.int32]
     state: NDArray[np.int64]
 
 
-ACTIVE, ORPHANS, CHANGED, CLOCK = 0, 2, 4, 5
+START, END, LEFT, REGION, ROUNDS = range(5)
 
 
 class Part(NamedTuple):
@@ -124,7 +119,7 @@ class Part(NamedTuple):
     alpha : int
         Label.
     base : int
-        Greater than any tag of earlier moves.
+        Least tag of this move: its first round times `ROUND`.
     pixels : int
         n.
     first, stop : int
@@ -140,40 +135,13 @@ class Part(NamedTuple):
 
 def make_flow(pixels: int) -> Flow:
     """Nothing reached yet."""
-    return Flow(
-        node=np.zeros(2 * pixels * RECORD, np.int32),
-        tag=np.zeros(2 * pixels, np.int32),
-        parent=np.zeros(2 * pixels, np.int8),
-        distance=np.zeros(2 * pixels, np.int32),
-        time=np.zeros(2 * pixels, np.int32),
-    )
+    return Flow(np.zeros(2 * pixels * RECORD, np.int32), np.zeros(2 * pixels, np.int32))
 
 
-def make_lists(pixels: int, flags: NDArray[np.uint8]) -> Lists:
-    """Room for the nodes of a band of `pixels`; `flags` as in `Lists`."""
-    return Lists(
-        active=np.zeros(2 * pixels + 1, np.int32),
-        orphans=np.zeros(2 * pixels + 1, np.int32),
-        changed=np.zeros(2 * pixels, np.int32),
-        flags=flags,
-        state=np.zeros(6, np.int64),
-    )
-
-
-@kernel(allocates=False, inline=True)
-def append(v: int, ring: NDArray[np.int32], state: NDArray[np.int64], which: int) -> None:
-    """Put v at the end of a ring, `ACTIVE` or `ORPHANS`."""
-    place = state[index(which + 1)]
-    ring[index(place)] = v
-    state[index(which + 1)] = place + 1 if place + 1 < ring.size else 0
-
-
-@kernel(allocates=False, inline=True)
-def pop(ring: NDArray[np.int32], state: NDArray[np.int64], which: int) -> int:
-    """Take the first node of a ring that is not empty."""
-    place = state[index(which)]
-    state[index(which)] = place + 1 if place + 1 < ring.size else 0
-    return int(ring[index(place)])
+def make_lists(pixels: int) -> Lists:
+    """Room for the nodes of a band of `pixels`."""
+    active, left, region = (np.zeros(2 * pixels + 1, np.int32) for _ in range(3))
+    return Lists(active, left, region, np.zeros(5, np.int64))
 
 
 @kernel(allocates=False, inline=True)
@@ -186,7 +154,7 @@ def end_of(v: int, k: int, part: Part, graph: Graph, flow: Flow) -> int:
     return int(flow.node[index(v * RECORD + 7)])
 
 
-@kernel(allocates=False, inline=True)
+@kernel(allocates=False)
 def reach(v: int, part: Part, graph: Graph, flow: Flow) -> int:
     """Fill in the record of a node that flow reaches for the first time; return its excess."""
     record, links = v * RECORD, int(graph.links[index(v)]) * 4
@@ -201,7 +169,6 @@ def reach(v: int, part: Part, graph: Graph, flow: Flow) -> int:
     if graph.opened[index(p)] == 0:
         excess = -FORBIDDEN
     flow.node[index(record)] = excess
-    flow.parent[index(v)] = 0
     flow.tag[index(v)] = part.base + (1 if excess < 0 else 2)
     return excess
 

@@ -139,9 +139,15 @@ def _keep(p: int, part: Part, graph: Graph) -> None:
 
 @kernel
 def act(
-    changed: NDArray[np.int32], part: Part, scene: Scene, costs: Costs, graph: Graph, fresh: NDArray[np.int32]
+    changed: NDArray[np.int32],
+    move: int,
+    part: Part,
+    scene: Scene,
+    costs: Costs,
+    graph: Graph,
+    fresh: NDArray[np.int32],
 ) -> None:
-    """Do the deeds of the nodes in `changed`. `fresh` remembers for which pixels a move has been accounted for."""
+    """Do the deeds of the nodes in `changed`; `fresh` remembers the last move each pixel was brought up to date in."""
     pixels = part.pixels
     for v in changed:
         if v >= pixels:
@@ -157,8 +163,8 @@ def act(
         p = v if v < pixels else v - pixels
         for k in range(5):
             m = p + graph.steps[k] if k < 4 else p
-            if 0 <= m < pixels and fresh[m] != part.base:
-                fresh[m] = part.base
+            if 0 <= m < pixels and fresh[m] != move:
+                fresh[m] = move
                 _refresh(m, scene, costs, graph)
 
 
