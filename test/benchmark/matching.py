@@ -32,14 +32,16 @@ from uw_recon_ros.types import RectificationQuality, RectifiedPair, StereoGeomet
 ROOT = Path(__file__).parents[2]
 REPEATS = 3
 GEOMETRY = StereoGeometry(focal_px=500.0, cx_left=0.0, cx_right=0.0, cy=0.0)
-Matcher = Callable[[Image, Image, int], NDArray[np.float32]]
+Maps = tuple[NDArray[np.float32], NDArray[np.float32] | None]  # disparity, sigma
+Matcher = Callable[[Image, Image, int], Maps]
 
 
 def ours(threads: int, **choice: str) -> Matcher:
-    def match(left: Image, right: Image, labels: int) -> NDArray[np.float32]:
+    def match(left: Image, right: Image, labels: int) -> Maps:
         pair = RectifiedPair(left, right, left, right, GEOMETRY, RectificationQuality("given"))
         params = MatchParams(min_disparity=0, max_disparity=labels - 1, match_threads=threads, **choice)  # type: ignore[arg-type]
-        return Match(params)(pair).disparity
+        result = Match(params)(pair)
+        return result.disparity, result.sigma
 
     return match
 
@@ -47,13 +49,13 @@ def ours(threads: int, **choice: str) -> Matcher:
 def sgbm(threads: int, mode: int, pad: bool = True, **settings: int) -> Matcher:
     """OpenCV's; padded on the left, so that it has no dead border there."""
 
-    def match(left: Image, right: Image, labels: int) -> NDArray[np.float32]:
+    def match(left: Image, right: Image, labels: int) -> Maps:
         count = -(-labels // 16) * 16
         border = count if pad else 0
         left, right = (cv2.copyMakeBorder(i, 0, 0, border, 0, cv2.BORDER_REPLICATE) for i in (left, right))
         matcher = cv2.StereoSGBM_create(minDisparity=0, numDisparities=count, mode=mode, **settings)
         disparity = matcher.compute(left, right)[:, border:].astype(np.float32) / 16
-        return np.where(disparity < 0, np.float32(np.nan), disparity)
+        return np.where(disparity < 0, np.float32(np.nan), disparity), None
 
     cv2.setNumThreads(threads)
     return match
@@ -108,7 +110,7 @@ def run(method: str, name: str, water: str, threads: int) -> dict[str, Any]:
     walls, cpus = [], []
     for _ in range(1 if method in ("kz2", "graph_cut quality") else REPEATS):
         cpu, wall = time.process_time(), time.perf_counter()
-        disparity = matcher(left, right, truth.max_disparity)
+        disparity, sigma = matcher(left, right, truth.max_disparity)
         walls.append(time.perf_counter() - wall)
         cpus.append(time.process_time() - cpu)
     memory = peak_mb() - before
@@ -121,8 +123,15 @@ def run(method: str, name: str, water: str, threads: int) -> dict[str, Any]:
         "method": method, "pair": name, "water": water, "threads": threads,
         **{f"bad_{x}": errors.filled.bad_percent[f"bad-{x}"] for x in ("0.5", "1", "2")},
         "density_percent": errors.density_percent, "wall_s": min(walls), "cpu_s": min(cpus), "memory_mb": memory,
+        "within_sigma_percent": within(sigma, disparity - truth.disparity, truth.mask),
         "occlusion_precision": hits / max(empty.sum(), 1), "occlusion_recall": hits / max(hidden.sum(), 1),
     }  # fmt: skip
+
+
+def within(sigma: NDArray[np.float32] | None, error: NDArray[np.float32], mask: NDArray[np.bool_]) -> float:
+    """Share of the errors smaller than sigma, %: 68 where it is honest."""
+    known = mask & np.isfinite(error)
+    return float("nan") if sigma is None else float(100 * (np.abs(error) <= sigma)[known].mean())
 
 
 def mean(rows: list[dict[str, Any]], key: str) -> float:
@@ -132,13 +141,17 @@ def mean(rows: list[dict[str, Any]], key: str) -> float:
 def summary(rows: list[dict[str, Any]]) -> str:
     """One line a method, water and number of threads: means over the pairs."""
     lines = [
-        "| method | water | threads | bad-0.5 (without tsukuba) | bad-1 | bad-2 | density % | wall s | CPU s | MB |",
-        "|" + " --- |" * 10,
+        "| method | water | threads | bad-0.5 (without tsukuba) | bad-1 | bad-2 | density % | within sigma % | wall s"
+        " | CPU s | MB |",
+        "|" + " --- |" * 11,
     ]
     for method, water, threads in dict.fromkeys((r["method"], r["water"], r["threads"]) for r in rows):
         of = [r for r in rows if (r["method"], r["water"], r["threads"]) == (method, water, threads)]
         fine = mean([r for r in of if r["pair"] != "tsukuba"], "bad_0.5")
-        cells = (f"{mean(of, key):.2f}" for key in ("bad_1", "bad_2", "density_percent", "wall_s", "cpu_s"))
+        cells = (
+            f"{mean(of, key):.2f}"
+            for key in ("bad_1", "bad_2", "density_percent", "within_sigma_percent", "wall_s", "cpu_s")
+        )
         memory = max(r["memory_mb"] for r in of)
         lines.append(f"| {method} | {water} | {threads} | {fine:.2f} | {' | '.join(cells)} | {memory:.0f} |")
     return "\n".join(lines)

@@ -232,5 +232,5 @@ def _between_pixels(gray: Gray) -> NDArray[np.int16]:
 def _result(disparity: FloatImage, start: Start, status: ByteImage, value: float) -> GraphCutResult:
     valid = status == 0
     nan = np.float32(np.nan)
-    sigma = sigma_of(start.curvature)
+    sigma = sigma_of(start.curvature, refined=math.isfinite(value))
     return GraphCutResult(np.where(valid, disparity, nan), np.where(valid, sigma, nan), status, value)

@@ -11,7 +11,8 @@ from uw_recon_ros.types import ByteImage, FloatImage, Status
 AGREE = 1.5  #: the views' disparities may differ by this, px
 _OCCLUDED, _OUTSIDE, _INCONSISTENT = int(Status.OCCLUDED), int(Status.OUTSIDE), int(Status.INCONSISTENT)
 ISLAND = 30  #: fewest pixels that hold a surface, px^2
-SURE, VAGUE = 0.12, 60.0  #: sigma where the cost is sharp, px; and what adds to it where its curvature is low
+#: Sigma where the cost is sharp, px; and what adds to it, over the curvature.
+START_SIGMA, REFINED_SIGMA = (0.12, 290.0), (0.08, 240.0)
 
 
 @kernel
@@ -116,6 +117,12 @@ def _fill_rows(disparity: FloatImage) -> None:
             u = end
 
 
-def sigma_of(curvature: FloatImage) -> FloatImage:
-    """Standard deviation, px, from how sharply the aggregated cost rises beside its least value."""
-    return np.asarray(np.float32(SURE) + np.float32(VAGUE) / (np.maximum(curvature, 0) + np.float32(30)))
+def sigma_of(curvature: FloatImage, refined: bool) -> FloatImage:
+    """Standard deviation, px, from how sharply the aggregated cost rises beside its least value.
+
+    The constants make 68 % of the errors smaller than it, over pairs in air and in water
+    (``test/benchmark/matching.py``, column "within sigma"); `refined`: after the planes.
+    """
+    sure, vague = REFINED_SIGMA if refined else START_SIGMA
+    slope = np.float32(vague) / (np.maximum(curvature, 0) + np.float32(30))
+    return np.asarray(np.hypot(np.float32(sure), slope), np.float32)
