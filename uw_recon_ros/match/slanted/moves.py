@@ -4,8 +4,8 @@
         smoothness * weight(p, q) * min(|d_p(f_p) - d_p(f_q)| + |d_q(f_p) - d_q(f_q)|, bend)
 
 with d_p(f) the disparity of plane f at pixel p (the curvature term of Olsson, Ulen and Boykov, 2013, as used by Taniai
-et al., 2018). It is a metric on planes, so each expansion is a minimum cut; terms are cut to whole tenths and all sums are
-exact, so no move raises the energy.
+et al., 2018). It is a metric on planes, so each expansion is a minimum cut; terms are cut to whole tenths and all sums
+are exact, so no move raises the energy.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from uw_recon_ros.jit import kernel
 from uw_recon_ros.match.slanted.grid_cut import MOVE, Grid, clear, cut
 from uw_recon_ros.types import FloatImage
 
-UNITS = 10.0  #: integer units of energy; with more of them the cuts take longer and find nothing better
+#: Integer units of energy; with more of them the cuts take longer and find nothing better.
+UNITS = 10.0
 
 Real = float | np.float32
 
