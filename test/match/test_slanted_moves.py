@@ -11,9 +11,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import maximum_flow
 
 from uw_recon_ros.match.slanted.grid_cut import KEEP, MOVE, clear, cut, make_grid
-from uw_recon_ros.match.slanted.moves import UNITS, Labelling, energy, expand
+from uw_recon_ros.match.slanted.moves import Labelling, energy, expand
 from uw_recon_ros.match.slanted.refine import MARGIN, tile_groups
 
+UNITS = 32.0
 STEPS = ((0, 1), (1, 1), (1, 0), (1, -1))
 
 
@@ -79,7 +80,7 @@ def random_labelling(random: np.random.RandomState, height: int, width: int) -> 
     ).astype(np.float32)  # fmt: skip
     weights = random.uniform(0.05, 1, (4, height, width)).astype(np.float32)
     costs = random.uniform(0, 2, (height, width)).astype(np.float32)
-    return Labelling(planes, costs, weights, np.float32(0.7), np.float32(2))
+    return Labelling(planes, costs, weights, np.float32(0.7), np.float32(2), np.float32(UNITS))
 
 
 def total(state: Labelling) -> int:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from uw_recon_ros.match.methods import EFFORTS
 from uw_recon_ros.match.slanted.census import difference_planes
 from uw_recon_ros.match.slanted.gray import Gray, gray_pair, local_contrast
-from uw_recon_ros.match.slanted.moves import UNITS, Labelling, energy
+from uw_recon_ros.match.slanted.moves import Labelling, energy
 from uw_recon_ros.match.slanted.plane_cost import FORBIDDEN, QUARTERS, View, weigh
 from uw_recon_ros.match.slanted.proposals import FIT, NEAR, OWN, POINTS, SHAKEN
 from uw_recon_ros.match.slanted.refine import Pass, disparity_of, refine
@@ -39,10 +39,13 @@ class Schedule:
         None: the start, checked, is the result.
     least_gain : float
         See `refine.refine`.
+    units : float
+        See `moves.Labelling`.
     """
 
     passes: tuple[Pass, ...]
     least_gain: float = 4.0
+    units: float = 10.0
 
 
 _FIRST = (Pass(FIT, 6, False), Pass(POINTS, 6, False))
@@ -50,7 +53,7 @@ _ROUND = (Pass(POINTS, 2, True), Pass(FIT, 2, True), Pass(OWN, 2, True), Pass(NE
 SCHEDULES = {
     "navigation": Schedule(()),
     "balanced": Schedule(_FIRST + _ROUND),
-    "quality": Schedule(_FIRST + 4 * _ROUND, 2.0),
+    "quality": Schedule(_FIRST + 6 * _ROUND, 2.0, 32.0),
 }
 
 
@@ -116,7 +119,7 @@ def graph_cut(
     disparity, costs, units = _planes(*eyes, start.disparity, status == 0, limits, schedule, seed, threads)
     share(lambda b: contest(disparity, costs, *b, status), bands(status.shape[0], threads), threads)
     drop_islands(disparity, status)
-    return _result(disparity, start, status, units / UNITS)
+    return _result(disparity, start, status, units / schedule.units)
 
 
 def _require(left: ByteImage, right: ByteImage, low: int, high: int, effort: str) -> None:
@@ -198,6 +201,7 @@ def _planes(
         edge_weights(eye.pixels),
         np.float32(SMOOTHNESS),
         np.float32(BEND),
+        np.float32(schedule.units),
     )
     refine(schedule.passes, schedule.least_gain, seed, first, usable, view, state, threads)
     data, smooth = energy(state)

@@ -4,7 +4,7 @@
         smoothness * weight(p, q) * min(|d_p(f_p) - d_p(f_q)| + |d_q(f_p) - d_q(f_q)|, bend)
 
 with d_p(f) the disparity of plane f at pixel p (the curvature term of Olsson, Ulen and Boykov, 2013, as used by Taniai
-et al., 2018). It is a metric on planes, so each expansion is a minimum cut; terms are cut to whole tenths and all sums
+et al., 2018). It is a metric on planes, so each expansion is a minimum cut; terms are cut to whole units and all sums
 are exact, so no move raises the energy.
 """
 
@@ -17,9 +17,6 @@ import numpy as np
 from uw_recon_ros.jit import kernel
 from uw_recon_ros.match.slanted.grid_cut import MOVE, Grid, clear, cut
 from uw_recon_ros.types import FloatImage
-
-#: Integer units of energy; with more of them the cuts take longer and find nothing better.
-UNITS = 10.0
 
 Real = float | np.float32
 
@@ -39,6 +36,8 @@ class Labelling(NamedTuple):
         Energy of a disparity step of 1 px, where the weight is 1.
     bend : float32
         Summed disparity step at which the smoothness is cut, px.
+    units : float32
+        Integer units that an energy of 1 is counted in: the more, the finer, and the longer the cuts take.
     """
 
     planes: FloatImage
@@ -46,12 +45,13 @@ class Labelling(NamedTuple):
     weights: FloatImage
     smoothness: np.float32
     bend: np.float32
+    units: np.float32
 
 
 @kernel(allocates=False, inline=True)
-def units(cost: float) -> int:
+def units(cost: Real, scale: Real) -> int:
     """A cost in integer units of energy."""
-    return int(cost * np.float32(UNITS))
+    return int(cost * scale)
 
 
 @kernel(allocates=False, inline=True)
@@ -115,11 +115,11 @@ def _build(  # type: ignore[no-untyped-def]
     """Data terms and pairs. Of a pair with energies E00, E01, E10, 0: see Kolmogorov and Zabih (2004)."""
     height, width = state.costs.shape
     planes, weights = state.planes, state.weights
-    scale, bend = state.smoothness * np.float32(UNITS), state.bend
+    scale, bend = state.smoothness * state.units, state.bend
     for v in range(top, bottom):
         for u in range(left, right):
             i = (v - top + 1) * row + u - left + 1
-            grid.excess[i] += units(cost[v - top, u - left]) - units(state.costs[v, u])
+            grid.excess[i] += units(cost[v - top, u - left], state.units) - units(state.costs[v, u], state.units)
             a0, b0, c0 = planes[0, v, u], planes[1, v, u], planes[2, v, u]
             fu, fv = np.float32(u), np.float32(v)
             for direction in range(8):
@@ -148,10 +148,10 @@ def energy(state: Labelling) -> tuple[int, int]:
     """Data and smoothness terms of a labelling, in units, from the definition."""
     height, width = state.costs.shape
     data, smooth = 0, 0
-    scale = state.smoothness * np.float32(UNITS)
+    scale = state.smoothness * state.units
     for v in range(height):
         for u in range(width):
-            data += units(state.costs[v, u])
+            data += units(state.costs[v, u], state.units)
             for direction in range(4):
                 x, y = u + (1, 1, 0, -1)[direction], v + (0, 1, 1, 1)[direction]
                 if 0 <= x < width and y < height:
