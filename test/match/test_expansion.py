@@ -102,6 +102,13 @@ def test_same_bits_whatever_the_number_of_threads(threads: int) -> None:
     assert np.array_equal(alone.labels, shared.labels)
 
 
+def test_tags_may_be_cleared_between_moves(monkeypatch: pytest.MonkeyPatch) -> None:
+    left, right = random_pair(np.random.RandomState(8), 30, 50, 3)
+    usual = kz2(left, right, 0, 9)
+    monkeypatch.setattr("uw_recon_ros.match.expansion._LAST_ROUND", 2)
+    assert np.array_equal(kz2(left, right, 0, 9).labels, usual.labels)
+
+
 def test_resting_tiles_cost_next_to_nothing() -> None:
     """Against all tiles open in every move."""
     random = np.random.RandomState(5)

@@ -17,7 +17,8 @@ from uw_recon_ros.match.constants import Constants
 from uw_recon_ros.match.energy import OCCLUDED
 from uw_recon_ros.match.graph import FORBIDDEN, REGION, ROUND, Flow, Graph, Lists, Part, make_flow, make_lists
 from uw_recon_ros.match.labelling import make_graph
-from uw_recon_ros.match.mincut import join_band, left_over, push_far, push_nearby
+from uw_recon_ros.match.mincut import join_band, left_over, push_far
+from uw_recon_ros.match.push import push_nearby
 
 CONSTANTS = Constants(denominator=1, occlusion_cost=0, smoothness=7, smoothness_at_edge=3)
 MUCH = 10**6

@@ -14,12 +14,12 @@ from uw_recon_ros.match.cost import View
 from uw_recon_ros.match.energy import Labels
 from uw_recon_ros.match.graph import REGION, ROUND, ROUNDS, Flow, Graph, Lists, Part, make_flow, make_lists
 from uw_recon_ros.match.labelling import Costs, Scene, act, make_graph, prepare
-from uw_recon_ros.match.mincut import join_band, left_over, push_far, push_nearby
+from uw_recon_ros.match.mincut import join_band, left_over, push_far
+from uw_recon_ros.match.push import push_nearby
 from uw_recon_ros.match.tiles import make_tiles, most_runs, note_changes, open_tiles
 
 _LAST_ROUND = 1024  # tags are cleared when a move would start beyond: they are 32-bit integers
 _LEAST_BAND = 24  # rows: smaller bands are not worth their seams
-_BANDS_A_THREAD = 2  # bands are unlike: whoever is through with an easy one takes another
 
 
 class Expansion:
@@ -136,6 +136,6 @@ def _solve(
 
 def _make_bands(height: int, width: int, threads: int) -> list[tuple[int, int]]:
     """First and one past the last pixel of each band of rows."""
-    count = max(1, min(_BANDS_A_THREAD * threads, height // _LEAST_BAND)) if threads > 1 else 1
+    count = max(1, min(threads, height // _LEAST_BAND))
     rows = [height * index // count for index in range(count + 1)]
     return [(first * width, stop * width) for first, stop in pairwise(rows)]
