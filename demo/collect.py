@@ -76,13 +76,11 @@ class Collector:
             self.diagnostics[name] = {"message": status.message, **{v.key: v.value for v in status.values}}
 
     def step(self) -> None:
-        """Have the player send the next stereo pair; wait until it has."""
-        future = None
-        while future is None or not future.done():
-            if future is None and self._stepper.service_is_ready():
-                self._stepped = time.monotonic()
-                future = self._stepper.call_async(Trigger.Request())
+        """Have the player send the next stereo pair."""
+        while not self._stepper.service_is_ready():
             self.spin(0.05)
+        self._stepped = time.monotonic()
+        self._stepper.call_async(Trigger.Request())  # its answer may be lost on a busy machine, the frame is not
 
     def spin(self, seconds: float) -> None:
         """Receive for a while."""
