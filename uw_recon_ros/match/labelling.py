@@ -89,7 +89,10 @@ def prepare(runs: NDArray[np.int32], part: Part, scene: Scene, costs: Costs, gra
 
 @kernel
 def _prepare_run(row: int, u: int, end: int, alpha: int, scene: Scene, costs: Costs, graph: Graph) -> None:
-    """As if no assignment of alpha were active: every loop over plain rows, for the compiler to vectorise."""
+    """As if no assignment of alpha were active: every loop over plain rows, for the compiler to vectorise.
+
+    Arcs over the first and the last row are closed by `graph.reach`, like all that leave a band.
+    """
     start, stop = row * scene.width + u, row * scene.width + end
     tried, gain, links = costs.tried[start:stop], graph.gain[start:stop], graph.links[start:stop]
     row_costs(scene.left, scene.right, row, u, alpha, tried)
@@ -104,10 +107,6 @@ def _prepare_run(row: int, u: int, end: int, alpha: int, scene: Scene, costs: Co
         links[j] = right | lower << 4 | upper << 6
         gain[j] = scene.occlusion_cost - scene.denominator * tried[j]
     _link_left(row, u, end, alpha, scene, links)
-    if row == 0:
-        links &= np.uint8(0x3F)
-    if row == scene.height - 1:
-        links &= np.uint8(0xCF)
     if end == min(scene.width, scene.width + alpha):
         links[links.size - 1] &= np.uint8(0xFC)
 
