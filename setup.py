@@ -9,7 +9,16 @@ NAME = "uw_recon_ros"
 NODES = ["preprocess_node", "rectify_node", "disparity_node", "point_cloud_node", "pipeline_node", "bag_player_node"]
 MESSAGES = ["sensor-msgs", "stereo-msgs", "diagnostic-msgs", "std-srvs", "visualization-msgs", "rosgraph-msgs"]
 DASK, LAZ = ["distributed>=2024.1"], ["laspy>=2.5", "lazrs>=0.5"]
-TEST = ["pytest>=7.4", "pytest-xdist>=3", "pytest-timeout>=2.1", "hypothesis>=6.80", "psutil>=5.9", *DASK, *LAZ]
+TEST = [
+    "pytest>=7.4",
+    "pytest-xdist>=3",
+    "pytest-timeout>=2.1",
+    "pytest-rerunfailures>=13",
+    "hypothesis>=6.80",
+    "psutil>=5.9",
+    *DASK,
+    *LAZ,
+]
 
 
 def ros_wheels(distro: str) -> list[str]:
