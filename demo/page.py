@@ -24,7 +24,7 @@ NODE_HEADER = ("Node", "Work on a frame", "Dropped")
 
 
 def frame_rows(frames: Sequence[Frame], latency: Mapping[int, float]) -> list[tuple[str, ...]]:
-    """A row a frame, and the medians."""
+    """A row a frame."""
     rows: list[tuple[str, ...]] = []
     for number, frame in enumerate(frames, 1):
         errors = frame.errors

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_recon_ros.evaluate import fill_rows
 from uw_recon_ros.types import ByteImage, FloatImage, RectifiedPair, Status, Window
 
 
@@ -30,7 +31,7 @@ def explain(disparity: FloatImage, min_disparity: int, max_disparity: int, pair:
     vertical = pair.geometry.axis == "vertical"
     status = np.zeros(disparity.shape, np.uint8)
     unmatched = ~np.isfinite(disparity)
-    expected = _surroundings(disparity.T).T if vertical else _surroundings(disparity)
+    expected = fill_rows(disparity.T).T if vertical else fill_rows(disparity)
     expected = np.clip(np.where(np.isfinite(expected), expected, min_disparity), min_disparity, max_disparity)
     outside = ~_partner_seen(np.where(unmatched, expected, disparity), vertical, pair.valid_right)
     status[unmatched & ~outside] = Status.OCCLUDED
@@ -40,17 +41,6 @@ def explain(disparity: FloatImage, min_disparity: int, max_disparity: int, pair:
         unseen[pair.valid_left.slices] = False
         status[unseen] = Status.UNSEEN
     return status
-
-
-def _surroundings(disparity: FloatImage) -> FloatImage:
-    """Of each pixel, the smaller of the nearest disparities left and right on its row; NaN in empty rows."""
-    valid = np.isfinite(disparity)
-    rows, columns = np.arange(disparity.shape[0])[:, None], np.arange(disparity.shape[1])
-    before = np.maximum.accumulate(np.where(valid, columns, -1), axis=1)
-    after = np.minimum.accumulate(np.where(valid, columns, columns.size)[:, ::-1], axis=1)[:, ::-1]
-    from_left = np.where(before >= 0, disparity[rows, before], np.nan)
-    from_right = np.where(after < columns.size, disparity[rows, after.clip(max=columns.size - 1)], np.nan)
-    return np.fmin(from_left, from_right).astype(np.float32)
 
 
 def _partner_seen(disparity: NDArray[np.floating], vertical: bool, window: Window | None) -> NDArray[np.bool_]:
