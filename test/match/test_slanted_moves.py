@@ -59,7 +59,7 @@ def test_cut_is_as_cheap_as_the_flow_is_large(seed: int) -> None:
     grid, nodes, row = random_grid(random, random.randint(1, 9), random.randint(1, 9))
     before_arcs, before_excess = grid.arcs.copy(), grid.excess.copy()
     flow = value_by_scipy(grid, nodes, row)
-    cut(grid, nodes, row)
+    assert cut(grid, nodes, row, 1 << 40)
     moved = grid.tree[:nodes] == MOVE
     cost = sum(int(e) for e, m in zip(before_excess[:nodes], moved, strict=True) if e > 0 and m)
     cost += sum(-int(e) for e, m in zip(before_excess[:nodes], moved, strict=True) if e < 0 and not m)
@@ -71,6 +71,16 @@ def test_cut_is_as_cheap_as_the_flow_is_large(seed: int) -> None:
                 cost += int(before_arcs[(direction + 4) * nodes + j]) * bool(not moved[j] and moved[i])
     assert cost == flow
     assert not ((grid.tree[:nodes] == KEEP) & moved).any()
+
+
+def test_cut_gives_up_where_it_is_told_to() -> None:
+    needed = []
+    for most in range(2000):
+        grid, nodes, row = random_grid(np.random.RandomState(1), 8, 8)
+        needed.append(cut(grid, nodes, row, most))
+    assert not needed[10]
+    assert needed[-1]
+    assert sorted(needed) == needed  # the same work every time
 
 
 def random_labelling(random: np.random.RandomState, height: int, width: int) -> Labelling:

@@ -55,7 +55,7 @@ def make_grid(side: int) -> Grid:
     )  # fmt: skip
 
 
-_HEAD, _TAIL, _COUNT, _CLOCK = 0, 1, 2, 3  # of the queue, in `state`
+_HEAD, _TAIL, _COUNT, _CLOCK, _STEPS = 0, 1, 2, 3, 4  # of the queue, in `state`; and nodes looked at yet
 
 
 @kernel(allocates=False)
@@ -84,22 +84,27 @@ def _activate(i: int, grid: Grid, state: NDArray[np.int64]) -> None:
 
 
 @kernel
-def cut(grid: Grid, nodes: int, row: int) -> None:
-    """Find a minimum cut of a padded grid of `nodes` nodes, `row` nodes a row; the sides are in ``grid.tree``."""
-    state = np.zeros(4, np.int64)
+def cut(grid: Grid, nodes: int, row: int, most: int) -> bool:
+    """Find a minimum cut of a padded grid of `nodes` nodes, `row` nodes a row; the sides are in ``grid.tree``.
+
+    Returns False, and no cut, where `most` nodes looked at (in growing, adopting, on the way to a root) did not do.
+    """
+    state = np.zeros(5, np.int64)
     _plant(grid, nodes, state)
     active = -1
-    while True:
+    while state[_STEPS] < most:
         if active < 0 or grid.tree[active] == 0:
             active = _next_active(grid, state)
             if active < 0:
-                break
+                return True
         tail, direction = _grow(active, grid, nodes, row, state)
         state[_CLOCK] += 1
+        state[_STEPS] += 1
         if tail < 0:
             active = -1
             continue
         _augment(tail, direction, grid, nodes, row, state)
+    return False
 
 
 @kernel(allocates=False)
@@ -208,6 +213,7 @@ def _adopt(waiting: int, grid: Grid, nodes: int, row: int, state: NDArray[np.int
         x = np.int64(grid.orphans[first])
         first = first + 1 if first + 1 < room else 0
         waiting -= 1
+        state[_STEPS] += 1
         side, best, nearest = grid.tree[x], -1, 1 << 30
         for direction in range(8):
             y, back = x + _offset(direction, row), (direction + 4) & 7
@@ -215,7 +221,7 @@ def _adopt(waiting: int, grid: Grid, nodes: int, row: int, state: NDArray[np.int
                 continue
             residual = grid.arcs[back * nodes + y] if side == KEEP else grid.arcs[direction * nodes + x]
             if residual > 0:
-                far = _distance(y, grid, row, state[_CLOCK])
+                far = _distance(y, grid, row, state)
                 if 0 < far < nearest:
                     nearest, best = far, direction
         if best >= 0:
@@ -236,14 +242,15 @@ def _adopt(waiting: int, grid: Grid, nodes: int, row: int, state: NDArray[np.int
 
 
 @kernel(allocates=False)
-def _distance(y: int, grid: Grid, row: int, now: int) -> int:
+def _distance(y: int, grid: Grid, row: int, state: NDArray[np.int64]) -> int:
     """Steps from y to its root; 0: it has none any more. Stamps the way."""
-    x, far = y, 0
+    x, far, now = y, 0, state[_CLOCK]
     while grid.stamp[x] != now:
         up = grid.parent[x]
         if up in (_ORPHAN, _NONE):
             return 0
         far += 1
+        state[_STEPS] += 1
         if up == _TERMINAL:
             grid.stamp[x], grid.distance[x] = now, 1
             far -= 1

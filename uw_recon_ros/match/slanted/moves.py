@@ -19,6 +19,9 @@ from uw_recon_ros.match.slanted.grid_cut import MOVE, Grid, clear, cut
 from uw_recon_ros.types import FloatImage
 
 Real = float | np.float32
+#: A cut that looks at more nodes than this for each of its own is given up, and nothing moves. The hardest of pairs in
+#: haze need 75, of images of nothing but noise 80: none is given up, and no input can hold the matcher up.
+MOST_STEPS = 128
 
 
 class Labelling(NamedTuple):
@@ -98,7 +101,8 @@ def expand(
     nodes = row * (bottom - top + 2)
     clear(grid, nodes)
     _build(a, b, c, top, bottom, left, right, cost, state, grid, nodes, row)
-    cut(grid, nodes, row)
+    if not cut(grid, nodes, row, MOST_STEPS * nodes):
+        return 0
     moved = 0
     for v in range(top, bottom):
         for u in range(left, right):
