@@ -25,6 +25,11 @@ class NodeParams(Params):
         low=0.1,
         high=1e6,
     )
+    autostart: bool = param(
+        True,
+        "Whether the node configures and activates itself; false: a lifecycle manager does.",
+        read_only=True,
+    )
 
 
 @dataclass(frozen=True)

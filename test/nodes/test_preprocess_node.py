@@ -297,7 +297,7 @@ def test_diagnostics_tell_rates_and_times(bench: Bench) -> None:
     now = bench.outsider.get_clock().now().nanoseconds
     cameras.send(now)
     bench.spin_until(lambda: "latency [s]" in report(told))
-    assert 0 < float(report(told)["latency [s]"].split()[1].rstrip(",")) < 60
+    assert 0 < float(report(told)["latency [s]"]) < 60
     assert float(values["in left/image_raw [Hz]"]) > 0
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from uw_recon_ros.ros.diagnostics import NO_PARTNER, SUPERSEDED, Diagnostics, Throttle
+from uw_recon_ros.ros.diagnostics import DEACTIVATED, NO_PARTNER, SUPERSEDED, Diagnostics, Throttle
 
 
 def values(status: DiagnosticStatus) -> dict[str, str]:
@@ -35,7 +35,7 @@ def test_old_seconds_are_forgotten() -> None:
     assert values(status).get("in x [Hz]", "0.00") == "0.00"
 
 
-@pytest.mark.parametrize("reason", [SUPERSEDED, NO_PARTNER])
+@pytest.mark.parametrize("reason", [SUPERSEDED, NO_PARTNER, DEACTIVATED])
 def test_skipped_frames_are_counted_and_no_fault(reason: str) -> None:
     diagnostics = Diagnostics()
     diagnostics.drop(reason)
@@ -73,12 +73,45 @@ def test_a_standing_problem_is_told_once_and_lasts_until_cleared() -> None:
 
 def test_spreads_and_facts() -> None:
     diagnostics = Diagnostics()
-    for value in (0.1, 0.3, 0.2):
-        diagnostics.measure("work [s]", value)
+    for value in range(1, 21):
+        diagnostics.measure("work", value / 10)
     diagnostics.say(density=0.9)
     said = values(diagnostics.tick("/node"))
-    assert said["work [s]"] == "median 0.2, max 0.3"
+    assert [said[key] for key in ("work [s]", "work p95 [s]", "work max [s]")] == ["1.05", "1.9", "2"]
     assert said["density"] == "0.9"
+
+
+def test_the_state_of_the_lifecycle_is_told_first() -> None:
+    diagnostics = Diagnostics()
+    told = [diagnostics.tick("/node", state, "warming up") for state in ("active", "inactive", "unconfigured")]
+    assert [status.message for status in told] == ["warming up", "inactive: warming up", "unconfigured: warming up"]
+    assert diagnostics.tick("/node", "inactive").message == "inactive"
+    assert (told[1].values[0].key, told[1].values[0].value) == ("state", "inactive")
+
+
+def test_a_failed_transition_outweighs_everything() -> None:
+    diagnostics = Diagnostics()
+    diagnostics.count("done")
+    diagnostics.problem("scale", "unknown")
+    status = diagnostics.tick("/node", "unconfigured", trouble="configure failed: no")
+    assert (status.level, status.message) == (DiagnosticStatus.ERROR, "unconfigured: configure failed: no")
+    assert values(status)["transition"] == "configure failed: no"
+    assert diagnostics.tick("/node").level == DiagnosticStatus.WARN
+
+
+def test_what_is_forgotten_and_what_is_counted_for_ever() -> None:
+    diagnostics = Diagnostics()
+    diagnostics.count("in x", 10)
+    diagnostics.drop("ImageError")
+    diagnostics.problem("scale", "unknown")
+    diagnostics.say(density=0.9)
+    diagnostics.measure("work", 1.0)
+    diagnostics.forget()
+    status = diagnostics.tick("/node")
+    assert status.level == DiagnosticStatus.OK
+    assert values(status) == {
+        "state": "active", "dropped [Hz]": "0.00", "dropped": "1", "dropped: ImageError": "1",
+    }  # fmt: skip
 
 
 def test_throttle_holds_back_equal_lines_and_says_how_many() -> None:
@@ -90,3 +123,11 @@ def test_throttle_holds_back_equal_lines_and_says_how_many() -> None:
         throttle("a", f"at {seconds}")
     throttle("b", "another")
     assert lines == ["at 0.0", "at 10.0 (2 more like it)", "another"]
+
+
+def test_a_silenced_throttle_logs_nothing() -> None:
+    lines: list[str] = []
+    throttle = Throttle(lines.append)
+    throttle.silence()
+    throttle("a", "text")
+    assert lines == []

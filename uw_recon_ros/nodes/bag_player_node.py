@@ -25,7 +25,7 @@ from uw_recon_ros.bags.reader import BagReader, open_bag
 from uw_recon_ros.errors import BagError
 from uw_recon_ros.nodes.replay import Report, advertise_recorded, parse, wait_for_listeners
 from uw_recon_ros.nodes.timeline import Timeline
-from uw_recon_ros.ros.main import DONE, FAILED, USAGE, leave, start, until_shutdown
+from uw_recon_ros.ros.main import DONE, FAILED, USAGE, interrupted, leave, start, until_shutdown
 from uw_recon_ros.ros.messages import time_message
 from uw_recon_ros.ros.parameters import ParameterError
 from uw_recon_ros.ros.qos import profile
@@ -140,7 +140,7 @@ class BagPlayerNode(Node):  # type: ignore[misc]
 
     def _spin(self, timeout_s: float) -> None:
         self._executor.spin_once(timeout_sec=timeout_s)
-        if not self.context.ok():
+        if interrupted() or not self.context.ok():
             raise ExternalShutdownException
 
     def _publish_clock(self) -> None:

@@ -84,11 +84,11 @@ class DisparityNode(StageNode[DisparityStage]):
         """Compile the matcher, or fetch it compiled."""
         stage.match.warm_up()
 
-    def work(self, stage: DisparityStage, group: Group) -> int:
+    def work(self, stage: DisparityStage, group: Group, outputs: Outputs) -> int:
         """Match one pair."""
         disparity = stage.match(rectified_pair(group))
         report_disparity(self.diagnostics, disparity)
-        publish_disparity(self.outputs, disparity, stage.message)
+        publish_disparity(outputs, disparity, stage.message)
         return disparity.stamp_ns
 
 

@@ -19,6 +19,7 @@ from uw_recon_ros.rectify.stage import RectifyParams
 from uw_recon_ros.ros.assembly import Group
 from uw_recon_ros.ros.main import run
 from uw_recon_ros.ros.node import StageNode
+from uw_recon_ros.ros.outputs import Outputs
 from uw_recon_ros.ros.pairs import calibration_from_infos, raw_pair
 from uw_recon_ros.ros.parameters import ParameterSet
 from uw_recon_ros.types import RectifiedPair
@@ -64,7 +65,7 @@ class PipelineNode(StageNode[Stages]):
             Reconstruct(params[ReconstructParams]),
         )
 
-    def configure(self, params: ParameterSet) -> None:
+    def adapt_inputs(self, params: ParameterSet) -> None:
         """Take the image transport that is asked for; listen to calibrations only where they are used."""
         self.inputs.accepts = preprocess_node.camera_filter(params[CameraParams])
         self.inputs.ignored = rectify_node.unwanted_infos(params[RectifyParams])
@@ -73,27 +74,25 @@ class PipelineNode(StageNode[Stages]):
         """Compile the matcher, or fetch it compiled."""
         stage.match.warm_up()
 
-    def work(self, stage: Stages, group: Group) -> int:
+    def work(self, stage: Stages, group: Group, outputs: Outputs) -> int:
         """Take one pair as far as somebody listens."""
         rectify_node.report_calibration(self.diagnostics, group)
         raw = raw_pair(group, calibration_from_infos(group.get("left_info"), group.get("right_info")))
         enhanced = stage.preprocess(raw)
-        preprocess_node.publish_enhanced(self.outputs, enhanced)
-        if self.outputs.wanted(*_topics_from(1)):
+        preprocess_node.publish_enhanced(outputs, enhanced)
+        if outputs.wanted(*_topics_from(1)):
             rectified = stage.rectify(enhanced)
             rectify_node.report_rectification(self.diagnostics, rectified)
-            rectify_node.publish_rectified(self.outputs, rectified)
-            if self.outputs.wanted(*_topics_from(2)):
-                self._reconstruct(stage, rectified)
+            rectify_node.publish_rectified(outputs, rectified)
+            if outputs.wanted(*_topics_from(2)):
+                self._reconstruct(stage, rectified, outputs)
         return raw.stamp_ns
 
-    def _reconstruct(self, stage: Stages, rectified: RectifiedPair) -> None:
+    def _reconstruct(self, stage: Stages, rectified: RectifiedPair, outputs: Outputs) -> None:
         disparity = stage.match(rectified)
         disparity_node.report_disparity(self.diagnostics, disparity)
-        disparity_node.publish_disparity(self.outputs, disparity, stage.params[DisparityMessageParams])
-        point_cloud_node.publish_reconstruction(
-            self.outputs, self.diagnostics, stage.reconstruct, disparity, rectified.left
-        )
+        disparity_node.publish_disparity(outputs, disparity, stage.params[DisparityMessageParams])
+        point_cloud_node.publish_reconstruction(outputs, self.diagnostics, stage.reconstruct, disparity, rectified.left)
 
 
 def main(args: Sequence[str] | None = None) -> int:

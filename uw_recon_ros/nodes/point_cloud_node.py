@@ -102,11 +102,11 @@ class PointCloudNode(StageNode[CloudStage]):
         adjusted = params[DisparityMessageParams].disparity_adjusted
         return CloudStage(Reconstruct(params[ReconstructParams]), params[CloudParams].assumed_sigma_px, adjusted)
 
-    def configure(self, params: ParameterSet) -> None:
+    def adapt_inputs(self, params: ParameterSet) -> None:
         """Give the images room to wait for a disparity that takes its time."""
         self.inputs.assembler.memory_bytes = params[CloudParams].image_memory_mb * 1_000_000
 
-    def work(self, stage: CloudStage, group: Group) -> int:
+    def work(self, stage: CloudStage, group: Group, outputs: Outputs) -> int:
         """Reconstruct from one disparity."""
         geometry = geometry_from_infos(group["left_info"], group["right_info"])
         disparity = disparity_from_message(
@@ -116,7 +116,7 @@ class PointCloudNode(StageNode[CloudStage]):
         left = color_image(group["left"])
         expect_size("rectified left image", left, disparity.disparity)
         check_size(group["left_info"], left.shape)
-        publish_reconstruction(self.outputs, self.diagnostics, stage.reconstruct, disparity, left)
+        publish_reconstruction(outputs, self.diagnostics, stage.reconstruct, disparity, left)
         return disparity.stamp_ns
 
 

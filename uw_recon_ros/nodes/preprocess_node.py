@@ -62,14 +62,14 @@ class PreprocessNode(StageNode[Preprocess]):
         """Make the stage."""
         return Preprocess(params[PreprocessParams])
 
-    def configure(self, params: ParameterSet) -> None:
+    def adapt_inputs(self, params: ParameterSet) -> None:
         """Take the image transport that is asked for."""
         self.inputs.accepts = camera_filter(params[CameraParams])
 
-    def work(self, stage: Preprocess, group: Group) -> int:
+    def work(self, stage: Preprocess, group: Group, outputs: Outputs) -> int:
         """Enhance one pair."""
         pair = stage(raw_pair(group))
-        publish_enhanced(self.outputs, pair)
+        publish_enhanced(outputs, pair)
         return pair.stamp_ns
 
 

@@ -114,17 +114,17 @@ class RectifyNode(StageNode[RigRectifier]):
         """Make the stage; what was known of the rig is forgotten."""
         return RigRectifier.make(params[RectifyParams])
 
-    def configure(self, params: ParameterSet) -> None:
+    def adapt_inputs(self, params: ParameterSet) -> None:
         """Listen to calibrations only where they are used."""
         self.inputs.ignored = unwanted_infos(params[RectifyParams])
 
-    def work(self, stage: RigRectifier, group: Group) -> int:
+    def work(self, stage: RigRectifier, group: Group, outputs: Outputs) -> int:
         """Rectify one pair."""
         report_calibration(self.diagnostics, group)
         calibration = calibration_from_infos(group.get("left_info"), group.get("right_info"))
         pair = stage(enhanced_pair(group, calibration))
         report_rectification(self.diagnostics, pair)
-        publish_rectified(self.outputs, pair)
+        publish_rectified(outputs, pair)
         return pair.stamp_ns
 
 

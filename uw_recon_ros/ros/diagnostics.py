@@ -1,7 +1,28 @@
-"""What a node knows about itself: counted from any thread, said once a second on ``/diagnostics`` (REP 107)."""
+"""What a node knows about itself: counted from any thread, said once a second on ``/diagnostics`` (REP 107).
+
+Keys of the status that every stage node publishes under its full name, one value each; rates are means over the last
+ten seconds, spreads are of the last fifty frames, numbers of drops since the start of the node:
+
+| key | value |
+| --- | --- |
+| ``state`` | of the lifecycle: ``unconfigured``, ``inactive``, ``active``, ``finalized`` |
+| ``warm_up`` | ``running`` while kernels are compiled or fetched, then ``done``; absent while unconfigured |
+| ``in TOPIC [Hz]``, ``in groups [Hz]`` | messages received; complete groups (pairs and what goes with them) |
+| ``done [Hz]``, ``out TOPIC [Hz]`` | frames worked on to the end; messages sent |
+| ``dropped [Hz]``, ``dropped``, ``dropped: REASON`` | frames given up: rate, number, number by reason |
+| ``last drop`` | why the last one was, where there is more to say than the reason |
+| ``work [s]``, ``work p95 [s]``, ``work max [s]`` | time a frame was worked on: median, 95th percentile, most |
+| ``latency [s]``, ``latency p95 [s]``, ``latency max [s]`` | from the stamp of the left image to the end of the work |
+
+Beside these stand facts of the last frame and settings in use (``effort``, ``density``, ``row_error_median_px``, ...)
+and standing problems, a sentence each (``silent``, ``unpaired``, ``scale``, ``rectification``, ``transition``, ...).
+Latencies are left out while stamps are not of the node's clock. The level is ERROR when all frames of the last second
+failed or a transition did, WARN with any problem or failure; frames overtaken by newer ones are neither.
+"""
 
 from __future__ import annotations
 
+import math
 import statistics
 import threading
 import time
@@ -14,6 +35,9 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 #: The graph's way to keep up, no faults: frames overtaken here, and what belonged to frames overtaken elsewhere.
 SUPERSEDED, NO_PARTNER = "superseded by newer", "no partner within tolerance"
+#: Nor is what was under way, or waiting, when the node was deactivated.
+DEACTIVATED = "deactivated meanwhile"
+_NO_FAULT = (SUPERSEDED, NO_PARTNER, DEACTIVATED)
 _WINDOW_TICKS = 10
 _RECENT = 50
 
@@ -38,16 +62,22 @@ class Throttle:
         self._last: dict[str, float] = {}
         self._held: Counter[str] = Counter()
         self._lock = threading.Lock()
+        self._silent = False
 
     def __call__(self, key: str, text: str) -> None:
         """Log `text`, or count it, lines of one `key` being equal."""
         with self._lock:
             now = self._clock()
-            if now - self._last.get(key, -self._period) < self._period:
+            if self._silent or now - self._last.get(key, -self._period) < self._period:
                 self._held[key] += 1
                 return
             held, self._last[key] = self._held.pop(key, 0), now
-        self._log(f"{text} ({held} more like it)" if held else text)
+            self._log(f"{text} ({held} more like it)" if held else text)
+
+    def silence(self) -> None:
+        """Log nothing more, whichever thread asks; a line on its way out is waited for."""
+        with self._lock:
+            self._silent = True
 
 
 class Diagnostics:
@@ -79,11 +109,11 @@ class Diagnostics:
         """Count frames given up, with the last one's words."""
         with self._lock:
             self._drops[reason] += number
-            self._now["skipped" if reason in (SUPERSEDED, NO_PARTNER) else "failed"] += number
+            self._now["skipped" if reason in _NO_FAULT else "failed"] += number
             self._last_drop = text or self._last_drop
 
     def measure(self, what: str, value: float) -> None:
-        """Note a value whose median and maximum are shown, e.g. ``work s``."""
+        """Note seconds whose median, 95th percentile and maximum are shown, e.g. of ``work``."""
         with self._lock:
             self._recent[what].append(value)
 
@@ -109,22 +139,39 @@ class Diagnostics:
         with self._lock:
             return dict(self._drops)
 
-    def tick(self, name: str, hardware_id: str = "") -> DiagnosticStatus:
+    def forget(self) -> None:
+        """Forget what is known of frames and standing problems; numbers of drops stay."""
+        with self._lock:
+            for known in (self._facts, self._problems, self._recent, self._ticks, self._now):
+                known.clear()
+
+    def tick(self, name: str, state: str = "active", note: str = "", trouble: str = "") -> DiagnosticStatus:
         """Close the current second and describe everything.
 
         Parameters
         ----------
         name : str
             Of the status, e.g. ``/disparity_node``.
-        hardware_id : str
+        state : str
+            Of the lifecycle.
+        note : str
+            The message where all is well; by default ``working`` or ``idle``.
+        trouble : str
+            An error worse than any frame's; shown under ``transition``.
         """
         with self._lock:
             now, self._now = self._now, Counter()
             self._ticks.append(now)
-            level, message = self._verdict(now)
+            level, message = (ERROR, trouble) if trouble else self._verdict(now)
             values = {**self._facts, **self._rates(), **self._spreads(), **self._dropped(), **self._problems}
-        pairs = [KeyValue(key=key, value=value) for key, value in values.items()]
-        return DiagnosticStatus(level=level, name=name, message=message, hardware_id=hardware_id, values=pairs)
+        if trouble:
+            values["transition"] = trouble
+        if level == OK:
+            message = note or message
+        if state != "active":
+            message = state if message == "idle" else f"{state}: {message}"
+        pairs = [KeyValue(key=key, value=value) for key, value in {"state": state, **values}.items()]
+        return DiagnosticStatus(level=level, name=name, message=message, values=pairs)
 
     def _verdict(self, now: Counter[str]) -> tuple[bytes, str]:
         if now["failed"] and not now["done"]:
@@ -137,14 +184,20 @@ class Diagnostics:
 
     def _rates(self) -> dict[str, str]:
         seconds = len(self._ticks)
-        names = sorted(set().union(*self._ticks) - {"failed", "skipped", "done"})
-        return {f"{name} [Hz]": f"{sum(tick[name] for tick in self._ticks) / seconds:.2f}" for name in names}
+        sums: Counter[str] = Counter()
+        for tick in self._ticks:
+            sums.update(tick)
+        sums["dropped"] = sums.pop("failed", 0) + sums.pop("skipped", 0)
+        return {f"{name} [Hz]": f"{number / seconds:.2f}" for name, number in sorted(sums.items())}
 
     def _spreads(self) -> dict[str, str]:
-        return {
-            what: f"median {statistics.median(values):.4g}, max {max(values):.4g}"
-            for what, values in self._recent.items()
-        }
+        spreads = {}
+        for what, values in self._recent.items():
+            ordered = sorted(values)
+            spreads[f"{what} [s]"] = f"{statistics.median(ordered):.4g}"
+            spreads[f"{what} p95 [s]"] = f"{ordered[math.ceil(0.95 * len(ordered)) - 1]:.4g}"
+            spreads[f"{what} max [s]"] = f"{ordered[-1]:.4g}"
+        return spreads
 
     def _dropped(self) -> dict[str, str]:
         dropped = {f"dropped: {reason}": str(number) for reason, number in sorted(self._drops.items())}
