@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
-from scipy.sparse.csgraph import maximum_flow
+from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
-from uw_recon_ros.match.slanted.grid_cut import KEEP, MOVE, clear, cut, make_grid
+from uw_recon_ros.match.slanted.grid_cut import MOVE, clear, cut, make_grid
 from uw_recon_ros.match.slanted.moves import Labelling, energy, expand
 from uw_recon_ros.match.slanted.refine import MARGIN, tile_groups
 
@@ -33,7 +33,8 @@ def random_grid(random: np.random.RandomState, height: int, width: int) -> tuple
     return grid, nodes, row
 
 
-def value_by_scipy(grid: object, nodes: int, row: int) -> int:
+def flow_by_scipy(grid: object, nodes: int, row: int) -> tuple[int, NDArray[np.bool_]]:
+    """The greatest flow, and the nodes that still reach the sink then."""
     source, sink = nodes, nodes + 1
     arcs = []
     for direction, (dv, du) in enumerate(STEPS):
@@ -50,15 +51,18 @@ def value_by_scipy(grid: object, nodes: int, row: int) -> int:
             arcs.append((i, sink, -grid.excess[i]))
     tails, heads, capacities = (np.array(x) for x in zip(*arcs, strict=True))
     graph = coo_array((capacities.astype(np.int32), (tails, heads)), shape=(nodes + 2, nodes + 2)).tocsr()
-    return int(maximum_flow(graph, source, sink).flow_value)
+    result = maximum_flow(graph, source, sink)
+    residual = (graph - result.flow).tocsr()
+    residual.data[residual.data < 0] = 0
+    residual.eliminate_zeros()
+    reached = breadth_first_order(residual.T.tocsr(), sink, return_predecessors=False)
+    return int(result.flow_value), np.isin(np.arange(nodes), reached)
 
 
-@pytest.mark.parametrize("seed", range(12))
-def test_cut_is_as_cheap_as_the_flow_is_large(seed: int) -> None:
-    random = np.random.RandomState(seed)
-    grid, nodes, row = random_grid(random, random.randint(1, 9), random.randint(1, 9))
+def check_cut(grid: object, nodes: int, row: int) -> NDArray[np.bool_]:
+    """Cut, and compare with a flow; returns what moved."""
     before_arcs, before_excess = grid.arcs.copy(), grid.excess.copy()
-    flow = value_by_scipy(grid, nodes, row)
+    flow, must_move = flow_by_scipy(grid, nodes, row)
     assert cut(grid, nodes, row, 1 << 40)
     moved = grid.tree[:nodes] == MOVE
     cost = sum(int(e) for e, m in zip(before_excess[:nodes], moved, strict=True) if e > 0 and m)
@@ -70,7 +74,26 @@ def test_cut_is_as_cheap_as_the_flow_is_large(seed: int) -> None:
                 cost += int(before_arcs[direction * nodes + i]) * bool(not moved[i] and moved[j])
                 cost += int(before_arcs[(direction + 4) * nodes + j]) * bool(not moved[j] and moved[i])
     assert cost == flow
-    assert not ((grid.tree[:nodes] == KEEP) & moved).any()
+    assert np.array_equal(moved, must_move)  # the smallest of all minimum cuts
+    return moved
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_cut_is_as_cheap_as_the_flow_is_large(seed: int) -> None:
+    random = np.random.RandomState(seed)
+    check_cut(*random_grid(random, random.randint(1, 9), random.randint(1, 9)))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_demand_finds_sources_that_are_far(seed: int) -> None:
+    random = np.random.RandomState(seed)
+    grid, nodes, row = random_grid(random, 6, 40)
+    inner = np.flatnonzero(grid.excess[:nodes])
+    grid.excess[:nodes] = 0
+    grid.excess[inner[inner % row < 8]] = -random.randint(10, 16)
+    grid.excess[inner[inner % row > 34]] = random.randint(14, 20)
+    moved = check_cut(grid, nodes, row)
+    assert 0 < moved.sum() < inner.size  # a cut somewhere between
 
 
 def test_cut_gives_up_where_it_is_told_to() -> None:

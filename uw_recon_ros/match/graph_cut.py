@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros.match.methods import EFFORTS
-from uw_recon_ros.match.slanted.census import difference_planes
 from uw_recon_ros.match.slanted.gray import Gray, gray_pair, local_contrast
 from uw_recon_ros.match.slanted.moves import Labelling, energy
-from uw_recon_ros.match.slanted.plane_cost import FORBIDDEN, QUARTERS, View, weigh
+from uw_recon_ros.match.slanted.plane_cost import FORBIDDEN, QUARTERS, View, framed, weigh
 from uw_recon_ros.match.slanted.proposals import FIT, NEAR, OWN, POINTS, SHAKEN
 from uw_recon_ros.match.slanted.refine import Pass, disparity_of, refine
 from uw_recon_ros.match.slanted.semiglobal import Start, semiglobal_start
@@ -210,14 +209,12 @@ def _planes(
 
 def _view(eye: _Eye, other: _Eye, limits: tuple[int, int], threads: int) -> View:
     shape = eye.gray.shape
-    differences = np.empty((24, *shape), np.int16)
-    share(lambda b: difference_planes(eye.gray, *b, differences), bands(shape[0], threads), threads)
     arms, inverse = np.empty((4, *shape), np.uint8), np.empty(shape, np.float32)
     measure_arms(eye.pixels, arms)
     inverse_size(arms, inverse)
     samples = _between_pixels(other.gray)
     weights = weigh(local_contrast(eye.gray), eye.noise_to_contrast)
-    return View(differences, *weights, samples, arms, inverse, np.float32(limits[0]), np.float32(limits[1]))
+    return View(framed(eye.gray), *weights, samples, arms, inverse, np.float32(limits[0]), np.float32(limits[1]))
 
 
 def _between_pixels(gray: Gray) -> NDArray[np.int16]:

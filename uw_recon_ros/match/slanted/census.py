@@ -9,7 +9,6 @@ from uw_recon_ros.jit import kernel
 
 Words = NDArray[np.uint64]
 ROWS, COLUMNS = 3, 4  #: half height and half width of the window of `census_words`: 62 comparisons
-RADIUS = 2  #: half side of the window of `difference_planes`: 24 neighbours
 
 
 @kernel
@@ -30,20 +29,3 @@ def _words(gray: NDArray[np.int16], first: int, last: int, words: Words) -> None
 def census_words(gray: NDArray[np.int16], first: int, last: int, words: Words) -> None:
     """Write one bit per neighbour in a 9x7 window, rows `first` to `last`; the image is continued at its border."""
     _words(gray, first, last, words)
-
-
-@kernel
-def difference_planes(gray: NDArray[np.int16], first: int, last: int, planes: NDArray[np.int16]) -> None:
-    """Write by how much each of the 24 neighbours is brighter, one image each, (24, H, W)."""
-    height, width = gray.shape
-    n = 0
-    for dv in range(-RADIUS, RADIUS + 1):
-        for du in range(-RADIUS, RADIUS + 1):
-            if dv == 0 and du == 0:
-                continue
-            for v in range(first, last):
-                y = min(max(v + dv, 0), height - 1)
-                for u in range(width):
-                    x = min(max(u + du, 0), width - 1)
-                    planes[n, v, u] = gray[y, x] - gray[v, u]
-            n += 1

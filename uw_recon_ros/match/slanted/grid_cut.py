@@ -1,8 +1,13 @@
-"""Minimum cut on a small grid with eight neighbours: augmenting paths in two search trees.
+"""Minimum cut on a small grid with eight neighbours: push-relabel (Goldberg and Tarjan, 1988).
 
-After Boykov and Kolmogorov (2004), with time stamps and distances to the root. The graph is implicit: node i's
-neighbour in direction d is ``i + offset[d]``, the grid has a frame of nodes without arcs, and all arrays are reused
-from cut to cut. The longest module-level function here is one algorithm whose steps share all their state.
+The nodes that want to move are few, and most find what outweighs them a few arcs away. So it is their demand that is
+passed on, from node to node towards the sources: first up to a small height without any search, then in rounds, with
+exact heights from a search at the start of each. What no source can be reached from wants to move in the end, and what
+it reaches moves with it: the smallest sink side of a minimum cut, whatever the order of the work. No node moves that
+need not.
+
+The graph is implicit: node i's neighbour in direction d is ``i + offset[d]``, the grid has a frame of nodes without
+arcs, and all arrays are reused from cut to cut.
 """
 
 from __future__ import annotations
@@ -10,12 +15,16 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy import uint64 as index  # unsigned indices spare the test for negative ones
 from numpy.typing import NDArray
 
 from uw_recon_ros.jit import kernel
 
-_TERMINAL, _ORPHAN, _NONE = 100, 101, -1
-KEEP, MOVE = 1, 2  #: sides of the cut in `Grid.tree`; 0 belongs to either
+MOVE = 1  #: what wants to move, in `Grid.tree`; 0: what need not
+_NEARBY = 10  # height up to which demand is passed on without a search
+_DEAD = 1 << 20  # height of a node from which no source is reached: more than any way is long
+_BLOCK = 256  # nodes whose demand is worked off before the next ones
+_PATIENCE = 0.5  # liftings a node until heights are searched anew; as much more every round
 
 
 class Grid(NamedTuple):
@@ -26,45 +35,42 @@ class Grid(NamedTuple):
     arcs : (8 * capacity,) int32
         Residual capacity of the arc from node i in direction d at ``d * nodes + i``.
     excess : (capacity,) int32
-        Capacity from the source minus capacity to the sink.
+        Capacity from the source minus capacity to the sink; a demand if negative.
     tree : (capacity,) int8
-        After `cut`: KEEP what the source reaches, MOVE what reaches the sink.
+        After `cut`: MOVE what reaches the sink.
+    height : (capacity,) int32
+        A lower bound of the number of arcs to a source, its own included.
+    queue : (capacity + 1,) int32
+        A ring: nodes whose demand is to be passed on.
+    left : (capacity,) int32
+        Nodes that could not get rid of theirs.
     """
 
     arcs: NDArray[np.int32]
     excess: NDArray[np.int32]
     tree: NDArray[np.int8]
-    parent: NDArray[np.int8]
-    distance: NDArray[np.int32]
-    stamp: NDArray[np.int32]
+    height: NDArray[np.int32]
     queue: NDArray[np.int32]
-    queued: NDArray[np.uint8]
-    orphans: NDArray[np.int32]
+    left: NDArray[np.int32]
 
 
 def make_grid(side: int) -> Grid:
     """Memory for regions of at most `side` x `side` pixels."""
     n = (side + 2) * (side + 2)
-
-    def zeros(count: int) -> NDArray[np.int32]:
-        return np.zeros(count, np.int32)
-
-    return Grid(
-        zeros(8 * n), zeros(n), np.zeros(n, np.int8), np.zeros(n, np.int8), zeros(n), zeros(n), zeros(n + 1),
-        np.zeros(n, np.uint8), zeros(n + 1),
-    )  # fmt: skip
+    arcs, excess, height, queue, left = (np.zeros(size, np.int32) for size in (8 * n, n, n, n + 1, n))
+    return Grid(arcs, excess, np.zeros(n, np.int8), height, queue, left)
 
 
-_HEAD, _TAIL, _COUNT, _CLOCK, _STEPS = 0, 1, 2, 3, 4  # of the queue, in `state`; and nodes looked at yet
+_HEAD, _TAIL, _LEFT, _STEPS = 0, 1, 2, 3  # of the queue, in `state`; number of nodes left, and of steps made
 
 
 @kernel(allocates=False)
 def clear(grid: Grid, nodes: int) -> None:
     """No arcs, no excess."""
     for i in range(8 * nodes):
-        grid.arcs[i] = 0
+        grid.arcs[index(i)] = 0
     for i in range(nodes):
-        grid.excess[i] = 0
+        grid.excess[index(i)] = 0
 
 
 @kernel(allocates=False, inline=True)
@@ -74,192 +80,178 @@ def _offset(direction: int, row: int) -> int:
     return step if direction < 4 else -step
 
 
-@kernel(allocates=False, inline=True)
-def _activate(i: int, grid: Grid, state: NDArray[np.int64]) -> None:
-    if grid.queued[i] == 0:
-        grid.queued[i] = 1
-        grid.queue[state[_TAIL]] = i
-        state[_TAIL] = state[_TAIL] + 1 if state[_TAIL] + 1 < grid.queue.size else 0
-        state[_COUNT] += 1
-
-
 @kernel
 def cut(grid: Grid, nodes: int, row: int, most: int) -> bool:
-    """Find a minimum cut of a padded grid of `nodes` nodes, `row` nodes a row; the sides are in ``grid.tree``.
+    """Find a minimum cut of a padded grid of `nodes` nodes, `row` nodes a row; its sink side is in ``grid.tree``.
 
-    Returns False, and no cut, where `most` nodes looked at (in growing, adopting, on the way to a root) did not do.
+    Returns False, and no cut, where `most` steps (looks at all arcs of a node to pass its demand on) did not do.
     """
-    state = np.zeros(5, np.int64)
-    _plant(grid, nodes, state)
-    active = -1
-    while state[_STEPS] < most:
-        if active < 0 or grid.tree[active] == 0:
-            active = _next_active(grid, state)
-            if active < 0:
-                return True
-        tail, direction = _grow(active, grid, nodes, row, state)
-        state[_CLOCK] += 1
-        state[_STEPS] += 1
-        if tail < 0:
-            active = -1
-            continue
-        _augment(tail, direction, grid, nodes, row, state)
+    state = np.zeros(4, np.int64)
+    _pass_nearby(grid, nodes, row, state)
+    patience = 0.0
+    while state[_LEFT] > 0:
+        _measure_heights(grid, nodes, row)
+        if not _resume(grid, state):
+            break
+        patience += _PATIENCE
+        _pass_far(int(patience * nodes), grid, nodes, row, state)
+        if state[_STEPS] > most:
+            return False
+    _mark(grid, nodes, row, state)
+    return bool(state[_STEPS] <= most)
+
+
+@kernel(allocates=False)
+def _pass_nearby(grid: Grid, nodes: int, row: int, state: NDArray[np.int64]) -> None:
+    for i in range(nodes):
+        grid.tree[index(i)] = 0
+        grid.height[index(i)] = 1 if grid.excess[index(i)] > 0 else 2
+    for i in range(nodes):
+        if grid.excess[index(i)] < 0:
+            _discharge(i, _NEARBY, grid, nodes, row, state)
+        if i % _BLOCK == _BLOCK - 1 or i == nodes - 1:
+            while state[_HEAD] != state[_TAIL]:
+                _discharge(_first(grid, state), _NEARBY, grid, nodes, row, state)
+
+
+@kernel(allocates=False, inline=True)
+def _first(grid: Grid, state: NDArray[np.int64]) -> int:
+    """Take it from the ring."""
+    place = state[_HEAD]
+    state[_HEAD] = place + 1 if place + 1 < grid.queue.size else 0
+    return int(grid.queue[index(place)])
+
+
+@kernel(allocates=False, inline=True)
+def _enqueue(i: int, grid: Grid, state: NDArray[np.int64]) -> None:
+    place = state[_TAIL]
+    grid.queue[index(place)] = i
+    state[_TAIL] = place + 1 if place + 1 < grid.queue.size else 0
+
+
+@kernel(allocates=False, inline=True)
+def _leave(i: int, grid: Grid, state: NDArray[np.int64]) -> None:
+    """Note a node that keeps its demand for now."""
+    grid.left[index(state[_LEFT])] = i
+    state[_LEFT] += 1
+
+
+@kernel(allocates=False)
+def _discharge(i: int, ceiling: int, grid: Grid, nodes: int, row: int, state: NDArray[np.int64]) -> int:
+    """Pass on the demand of i, lifting it as needed, until it is gone or i above the ceiling; return the liftings."""
+    wanted, height, lifts = -int(grid.excess[index(i)]), int(grid.height[index(i)]), 0
+    state[_STEPS] += 1
+    while height <= ceiling:
+        lowest = _DEAD
+        for direction in range(8):
+            wanted, lowest = _pass_along(i, direction, wanted, height, lowest, grid, nodes, row, state)
+        if wanted == 0:
+            break
+        height = lowest + 1
+        lifts += 1
+    state[_STEPS] += lifts
+    grid.height[index(i)] = height
+    grid.excess[index(i)] = -wanted
+    if wanted > 0:
+        _leave(i, grid, state)
+    return lifts
+
+
+@kernel(allocates=False, inline=True)
+def _pass_along(
+    i: int, direction: int, wanted: int, height: int, lowest: int, grid: Grid, nodes: int, row: int,
+    state: NDArray[np.int64],
+) -> tuple[int, int]:  # fmt: skip
+    """Ask a neighbour that lies lower; return the demand that remains, and the lowest neighbour yet that is higher."""
+    j = i + _offset(direction, row)
+    arc = index(((direction + 4) & 7) * nodes + j)
+    room = int(grid.arcs[arc])
+    if wanted == 0 or room <= 0:
+        return wanted, lowest
+    below = int(grid.height[index(j)])
+    if below >= height:
+        return wanted, min(lowest, below)
+    amount, before = min(room, wanted), int(grid.excess[index(j)])
+    grid.arcs[arc] = room - amount
+    grid.arcs[index(direction * nodes + i)] += amount
+    grid.excess[index(j)] = before - amount
+    if before >= 0 and before < amount:
+        grid.height[index(j)] = max(below, 2)
+        _enqueue(j, grid, state)
+    return wanted - amount, lowest
+
+
+@kernel(allocates=False)
+def _measure_heights(grid: Grid, nodes: int, row: int) -> None:
+    """True heights, by a search from the sources."""
+    for i in range(nodes):
+        grid.height[index(i)] = 1 if grid.excess[index(i)] > 0 else _DEAD
+    size = 0
+    for i in range(row + 1, nodes - row - 1):
+        if grid.height[index(i)] == _DEAD and _beside_source(i, grid, nodes, row):
+            grid.height[index(i)] = 2
+            grid.queue[index(size)] = i
+            size += 1
+    done = 0
+    while done < size:
+        j = int(grid.queue[index(done)])
+        done += 1
+        for direction in range(8):
+            i = j + _offset(direction, row)
+            if grid.arcs[index(direction * nodes + j)] > 0 and grid.height[index(i)] == _DEAD:
+                grid.height[index(i)] = grid.height[index(j)] + 1
+                grid.queue[index(size)] = i
+                size += 1
+
+
+@kernel(allocates=False, inline=True)
+def _beside_source(i: int, grid: Grid, nodes: int, row: int) -> bool:
+    for direction in range(8):
+        j = i + _offset(direction, row)
+        if grid.height[index(j)] == 1 and grid.arcs[index(((direction + 4) & 7) * nodes + j)] > 0:
+            return True
     return False
 
 
 @kernel(allocates=False)
-def _plant(grid: Grid, nodes: int, state: NDArray[np.int64]) -> None:
-    """Every node with excess or deficit is a root."""
-    for i in range(nodes):
-        grid.queued[i] = 0
-        grid.stamp[i] = 0
-        grid.distance[i] = 0
-        grid.tree[i] = 0
-        grid.parent[i] = _NONE
-        if grid.excess[i] != 0:
-            grid.tree[i] = KEEP if grid.excess[i] > 0 else MOVE
-            grid.parent[i] = _TERMINAL
-            grid.distance[i] = 1
-            _activate(i, grid, state)
+def _resume(grid: Grid, state: NDArray[np.int64]) -> bool:
+    """Put the nodes left that reach a source into the queue; whether there are any."""
+    count = state[_LEFT]
+    state[_HEAD] = state[_TAIL] = state[_LEFT] = 0
+    for n in range(count):
+        i = int(grid.left[index(n)])
+        if grid.height[index(i)] < _DEAD:
+            _enqueue(i, grid, state)
+        else:
+            _leave(i, grid, state)
+    return bool(state[_TAIL] > 0)
 
 
 @kernel(allocates=False)
-def _next_active(grid: Grid, state: NDArray[np.int64]) -> int:
-    while state[_COUNT] > 0:
-        i = grid.queue[state[_HEAD]]
-        state[_HEAD] = state[_HEAD] + 1 if state[_HEAD] + 1 < grid.queue.size else 0
-        state[_COUNT] -= 1
-        grid.queued[i] = 0
-        if grid.tree[i] != 0:
-            return int(i)
-    return -1
+def _pass_far(patience: int, grid: Grid, nodes: int, row: int, state: NDArray[np.int64]) -> None:
+    """Discharge what is in the queue; stop after `patience` liftings: heights have grown stale."""
+    while state[_HEAD] != state[_TAIL] and patience >= 0:
+        patience -= _discharge(_first(grid, state), _DEAD - 1, grid, nodes, row, state)
+    while state[_HEAD] != state[_TAIL]:
+        _leave(_first(grid, state), grid, state)
 
 
 @kernel(allocates=False)
-def _grow(i: int, grid: Grid, nodes: int, row: int, state: NDArray[np.int64]) -> tuple[int, int]:
-    """Take free neighbours into i's tree; where the other tree is met: the arc (tail, direction) between them."""
-    side = grid.tree[i]
-    for direction in range(8):
-        j, back = i + _offset(direction, row), (direction + 4) & 7
-        residual = grid.arcs[direction * nodes + i] if side == KEEP else grid.arcs[back * nodes + j]
-        if residual <= 0:
-            continue
-        if grid.tree[j] == 0:
-            grid.tree[j] = side
-            grid.parent[j], grid.stamp[j], grid.distance[j] = back, grid.stamp[i], grid.distance[i] + 1
-            _activate(j, grid, state)
-        elif grid.tree[j] != side:
-            return (i, direction) if side == KEEP else (j, back)
-        elif grid.stamp[j] <= grid.stamp[i] and grid.distance[j] > grid.distance[i]:
-            grid.parent[j], grid.stamp[j], grid.distance[j] = back, grid.stamp[i], grid.distance[i] + 1
-    return -1, 0
-
-
-@kernel(allocates=False)
-def _augment(tail: int, direction: int, grid: Grid, nodes: int, row: int, state: NDArray[np.int64]) -> None:
-    """Send as much as fits along the path through the arc; find new parents for what it cuts off."""
-    head = tail + _offset(direction, row)
-    flow = grid.arcs[direction * nodes + tail]
-    flow = _narrowest(tail, KEEP, flow, grid, nodes, row)
-    flow = _narrowest(head, MOVE, flow, grid, nodes, row)
-    grid.arcs[direction * nodes + tail] -= flow
-    grid.arcs[((direction + 4) & 7) * nodes + head] += flow
-    waiting = _send(tail, KEEP, flow, grid, nodes, row, 0)
-    waiting = _send(head, MOVE, flow, grid, nodes, row, waiting)
-    _adopt(waiting, grid, nodes, row, state)
-
-
-@kernel(allocates=False)
-def _narrowest(x: int, side: int, flow: int, grid: Grid, nodes: int, row: int) -> int:
-    """Least residual from x to its root."""
-    while grid.parent[x] != _TERMINAL:
-        up = np.int64(grid.parent[x])
-        y = x + _offset(up, row)
-        residual = grid.arcs[((up + 4) & 7) * nodes + y] if side == KEEP else grid.arcs[up * nodes + x]
-        flow = min(flow, residual)
-        x = y
-    return int(min(flow, abs(grid.excess[x])))
-
-
-@kernel(allocates=False)
-def _send(x: int, side: int, flow: int, grid: Grid, nodes: int, row: int, waiting: int) -> int:
-    """Take `flow` from the residuals up to the root; nodes whose arc to the parent fills up become orphans."""
-    while grid.parent[x] != _TERMINAL:
-        up = np.int64(grid.parent[x])
-        y, down = x + _offset(up, row), (up + 4) & 7
-        to_child, to_parent = down * nodes + y, up * nodes + x
-        if side == MOVE:
-            to_child, to_parent = to_parent, to_child
-        grid.arcs[to_child] -= flow
-        grid.arcs[to_parent] += flow
-        if grid.arcs[to_child] == 0:
-            grid.parent[x] = _ORPHAN
-            grid.orphans[waiting] = x
-            waiting += 1
-        x = y
-    grid.excess[x] += -flow if side == KEEP else flow
-    if grid.excess[x] == 0:
-        grid.parent[x] = _ORPHAN
-        grid.orphans[waiting] = x
-        waiting += 1
-    return waiting
-
-
-@kernel(allocates=False)
-def _adopt(waiting: int, grid: Grid, nodes: int, row: int, state: NDArray[np.int64]) -> None:
-    """Give every orphan the nearest parent that still reaches a root, or set it free with its children orphaned."""
-    first, room = 0, grid.orphans.size
-    while waiting > 0:
-        x = np.int64(grid.orphans[first])
-        first = first + 1 if first + 1 < room else 0
-        waiting -= 1
-        state[_STEPS] += 1
-        side, best, nearest = grid.tree[x], -1, 1 << 30
+def _mark(grid: Grid, nodes: int, row: int, state: NDArray[np.int64]) -> None:
+    """Mark all that has a way to a node with demand."""
+    size = 0
+    for n in range(state[_LEFT]):
+        i = int(grid.left[index(n)])
+        grid.tree[index(i)] = MOVE
+        grid.queue[index(size)] = i
+        size += 1
+    done = 0
+    while done < size:
+        j = int(grid.queue[index(done)])
+        done += 1
         for direction in range(8):
-            y, back = x + _offset(direction, row), (direction + 4) & 7
-            if grid.tree[y] != side:
-                continue
-            residual = grid.arcs[back * nodes + y] if side == KEEP else grid.arcs[direction * nodes + x]
-            if residual > 0:
-                far = _distance(y, grid, row, state)
-                if 0 < far < nearest:
-                    nearest, best = far, direction
-        if best >= 0:
-            grid.parent[x], grid.stamp[x], grid.distance[x] = best, state[_CLOCK], nearest + 1
-            continue
-        for direction in range(8):
-            y, back = x + _offset(direction, row), (direction + 4) & 7
-            if grid.tree[y] != side:
-                continue
-            residual = grid.arcs[back * nodes + y] if side == KEEP else grid.arcs[direction * nodes + x]
-            if residual > 0:
-                _activate(y, grid, state)
-            if grid.parent[y] == back:
-                grid.parent[y] = _ORPHAN
-                grid.orphans[(first + waiting) % room] = y
-                waiting += 1
-        grid.tree[x], grid.parent[x] = 0, _NONE
-
-
-@kernel(allocates=False)
-def _distance(y: int, grid: Grid, row: int, state: NDArray[np.int64]) -> int:
-    """Steps from y to its root; 0: it has none any more. Stamps the way."""
-    x, far, now = y, 0, state[_CLOCK]
-    while grid.stamp[x] != now:
-        up = grid.parent[x]
-        if up in (_ORPHAN, _NONE):
-            return 0
-        far += 1
-        state[_STEPS] += 1
-        if up == _TERMINAL:
-            grid.stamp[x], grid.distance[x] = now, 1
-            far -= 1
-            break
-        x += _offset(np.int64(up), row)
-    far += grid.distance[x]
-    x, left = y, far
-    while grid.stamp[x] != now:
-        grid.stamp[x], grid.distance[x] = now, left
-        left -= 1
-        x += _offset(np.int64(grid.parent[x]), row)
-    return int(far)
+            i = j + _offset(direction, row)
+            if grid.arcs[index(((direction + 4) & 7) * nodes + i)] > 0 and grid.tree[index(i)] == 0:
+                grid.tree[index(i)] = MOVE
+                grid.queue[index(size)] = i
+                size += 1

@@ -15,13 +15,16 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy import uint64 as index  # unsigned indices spare the test for negative ones
 from numpy.typing import NDArray
 
 from uw_recon_ros.jit import kernel
-from uw_recon_ros.match.slanted.census import RADIUS
+from uw_recon_ros.match.slanted.gray import Gray
 from uw_recon_ros.match.slanted.support import REACH, Arms
 from uw_recon_ros.types import FloatImage
 
+RADIUS = 2  #: half side of the window of differences: 24 neighbours
+BLOCK = 64  #: pixels compared at once
 QUARTERS = 4  #: samples a pixel in `View.other`
 SOFTNESS = 0.6  #: part of the local contrast at which the difference between differences is cut
 SIZES_COUNT, SIGNS_ONLY = (
@@ -38,11 +41,11 @@ class View(NamedTuple):
 
     Parameters
     ----------
-    differences : (24, H, W) int16
-        Of this view; see `census.difference_planes`.
+    gray : (H + 2 `RADIUS`, W + 2 `RADIUS` + `BLOCK`) int16
+        This view, 1/16 gray level, continued beyond its borders; see `framed`.
     softness, sign : int16
         Where the difference between differences is cut, and what another sign costs, 1/16 gray level.
-    most : float32
+    most : int16
         Where a pixel's cost is cut, 1/16 gray level.
     other : (H, 4 W - 3) int16
         The other view, four samples a pixel, 1/16 gray level.
@@ -53,10 +56,10 @@ class View(NamedTuple):
         Limits of the disparity, px.
     """
 
-    differences: NDArray[np.int16]
+    gray: Gray
     softness: np.int16
     sign: np.int16
-    most: np.float32
+    most: np.int16
     other: NDArray[np.int16]
     arms: Arms
     inverse_size: FloatImage
@@ -64,7 +67,12 @@ class View(NamedTuple):
     high: np.float32
 
 
-def weigh(contrast: float, noise_to_contrast: float) -> tuple[np.int16, np.int16, np.float32]:
+def framed(gray: Gray) -> Gray:
+    """Continue an image beyond its borders: by the window, and to the right by what rounding up to blocks may read."""
+    return np.ascontiguousarray(np.pad(gray, ((RADIUS, RADIUS), (RADIUS, RADIUS + BLOCK)), mode="edge"))
+
+
+def weigh(contrast: float, noise_to_contrast: float) -> tuple[np.int16, np.int16, np.int16]:
     """`View.softness`, `View.sign` and `View.most` for an image of some local contrast, 1/16 gray level.
 
     The more noise against the contrast, the less the size of a difference counts against its sign.
@@ -74,32 +82,35 @@ def weigh(contrast: float, noise_to_contrast: float) -> tuple[np.int16, np.int16
     softness = round(largest * (1 - noise))
     sign = round(2 * largest) - softness
     part = CUT + (CUT_NOISY - CUT) * noise
-    return np.int16(softness), np.int16(sign), np.float32(part * 24 * (softness + sign))
+    return np.int16(softness), np.int16(sign), np.int16(round(part * 24 * (softness + sign)))
 
 
 class Desk(NamedTuple):
     """Working memory of one thread."""
 
     bent: NDArray[np.int16]
+    apart: NDArray[np.int16]
     differing: NDArray[np.int16]
-    prefix: FloatImage
-    rows: FloatImage
+    prefix: NDArray[np.int32]
+    sums: NDArray[np.int32]
     cost: FloatImage
 
 
 def make_desk(side: int) -> Desk:
     """Memory for regions of at most `side` x `side` pixels."""
     wide = side + 2 * REACH
+    blocks = -(-wide // BLOCK) * BLOCK
     return Desk(
-        np.zeros((wide + 2 * RADIUS, wide + 2 * RADIUS), np.int16),
-        np.zeros(wide, np.int16),
-        np.zeros(wide + 1, np.float32),
-        np.zeros((wide, side), np.float32),
+        np.zeros((wide + 2 * RADIUS, blocks + 2 * RADIUS), np.int16),
+        np.zeros((wide + 2 * RADIUS, blocks + 2 * RADIUS), np.int16),
+        np.zeros(blocks, np.int16),
+        np.zeros(wide + 1, np.int32),
+        np.zeros((wide + 1, side), np.int32),
         np.zeros((side, side), np.float32),
     )
 
 
-@kernel
+@kernel(allocates=False)
 def plane_cost(
     a: float, b: float, c: float, top: int, bottom: int, left: int, right: int, view: View, desk: Desk
 ) -> None:
@@ -108,80 +119,126 @@ def plane_cost(
     first, last = max(0, top - REACH), min(height, bottom + REACH)
     start, stop = max(0, left - REACH), min(width, right + REACH)
     _bend(a, b, c, first, last, start, stop, height, width, view.other, desk.bent)
+    _subtract(first, last, start, stop, view.gray, desk.bent, desk.apart)
+    arms, sums = view.arms, desk.sums
     for v in range(first, last):
-        _compare(v - first, v, start, stop, desk.bent, view.differences, view.softness, view.sign, desk.differing)
-        _prefix(
-            a, b * np.float32(v) + c, start, stop, width, view.low, view.high, view.most, desk.differing, desk.prefix
-        )
-        for u in range(left, right):
-            ahead, behind = np.int64(view.arms[1, v, u]), np.int64(view.arms[0, v, u])
-            desk.rows[v - first, u - left] = desk.prefix[u - start + ahead + 1] - desk.prefix[u - start - behind]
-    for y in range(1, last - first):
+        _compare(v - first, v, start, stop, view, desk)
+        _prefix(a, b * np.float32(v) + c, start, stop, width, view, desk.differing, desk.prefix)
+        behind, ahead = arms[0, v, left:right], arms[1, v, left:right]
+        before, here = sums[v - first, : right - left], sums[v - first + 1, : right - left]
         for x in range(right - left):
-            desk.rows[y, x] += desk.rows[y - 1, x]
+            j, u = index(x), index(x + left - start)
+            here[j] = before[j] + desk.prefix[u + index(ahead[j]) + index(1)] - desk.prefix[u - index(behind[j])]
+    scale = np.float32(2) / np.float32(view.most)
     for v in range(top, bottom):
-        for u in range(left, right):
-            total = desk.rows[v - first + np.int64(view.arms[3, v, u]), u - left]
-            above = v - first - np.int64(view.arms[2, v, u]) - 1
-            if above >= 0:
-                total -= desk.rows[above, u - left]
-            desk.cost[v - top, u - left] = total * view.inverse_size[v, u]
+        above, below, inverse = arms[2, v, left:right], arms[3, v, left:right], view.inverse_size[v, left:right]
+        cost = desk.cost[v - top, : right - left]
+        for x in range(right - left):
+            j, y = index(x), index(v - first)
+            total = sums[y + index(below[j]) + index(1), j] - sums[y - index(above[j]), j]
+            cost[j] = np.float32(total) * (scale * inverse[j])
 
 
-@kernel
+@kernel(allocates=False)
 def _bend(  # type: ignore[no-untyped-def]
     a, b, c, first, last, start, stop, height, width, other, bent
 ):
-    """Read the other view along the plane, with a margin for the census; both views are continued at their borders."""
-    most = np.float32(other.shape[1] - 1)
+    """Read the other view along the plane, with a margin for the window; both views are continued at their borders.
+
+    Places are counted in fixed point, with 32 binary digits: what a pixel reads does not depend on the region.
+    """
+    one = np.float64(QUARTERS * (1 << 32))
+    slope, most = int((1.0 - np.float64(a)) * one), (other.shape[1] - 1) << 32
+    n = stop - start + 2 * RADIUS
     for v in range(first - RADIUS, last + RADIUS):
         y = min(max(v, 0), height - 1)
-        here = b * np.float32(y) + c
-        for u in range(start - RADIUS, stop + RADIUS):
-            x = np.float32(min(max(u, 0), width - 1))
-            at = min(max((x - (here + a * x)) * np.float32(QUARTERS), np.float32(0)), most)
-            i = int(at)
-            value = np.float32(other[y, i])
-            if i + 1 < other.shape[1]:
-                value += (at - np.float32(i)) * np.float32(other[y, i + 1] - other[y, i])
-            bent[v - first + RADIUS, u - start + RADIUS] = np.int16(value)
-
-
-@kernel
-def _compare(y, v, start, stop, bent, differences, softness, sign, differing):  # type: ignore[no-untyped-def]
-    """Sum, for a row, what differs between the views: `sign` for another sign, and the cut difference."""
-    n = stop - start
-    for i in range(n):
-        differing[i] = 0
-    centre = bent[y + RADIUS, RADIUS : RADIUS + n]
-    plane = 0
-    for dv in range(-RADIUS, RADIUS + 1):
-        for du in range(-RADIUS, RADIUS + 1):
-            if dv == 0 and du == 0:
-                continue
-            neighbour = bent[y + RADIUS + dv, RADIUS + du : RADIUS + du + n]
-            mine = differences[plane, v, start:stop]
+        origin = int((np.float64(b) * y + np.float64(c)) * -one)
+        source, row = other[y], bent[v - first + RADIUS]
+        at, end = origin + slope * (start - RADIUS), origin + slope * (stop + RADIUS - 1)
+        if start >= RADIUS and stop + RADIUS <= width and min(at, end) >= 0 and max(at, end) < most:
             for i in range(n):
-                brighter = np.int16(neighbour[i] - centre[i])
-                apart = min(np.int16(abs(np.int16(brighter - mine[i]))), softness)
-                other_sign = np.int16((brighter > 0) != (mine[i] > 0))
-                differing[i] = np.int16(differing[i] + apart + sign * other_sign)
-            plane += 1
+                row[index(i)] = _between(source, at)
+                at += slope
+            continue
+        for i in range(n):
+            x = min(max(start - RADIUS + i, 0), width - 1)
+            at = min(max(origin + slope * x, 0), most)
+            row[index(i)] = _between(source, at) if at < most else source[source.size - 1]
 
 
-@kernel
-def _prefix(a, here, start, stop, width, low, high, most, differing, prefix):  # type: ignore[no-untyped-def]
+@kernel(allocates=False, inline=True)
+def _between(source: NDArray[np.int16], at: int) -> np.int16:
+    """Linear interpolation at a place in fixed point."""
+    i = index(at) >> index(32)
+    part = np.int32((index(at) >> index(17)) & index(0x7FFF))
+    here, beyond = np.int32(source[i]), np.int32(source[i + index(1)])
+    value: np.int16 = np.int16(here + (((beyond - here) * part) >> np.int32(15)))
+    return value
+
+
+@kernel(allocates=False)
+def _subtract(first, last, start, stop, gray, bent, apart):  # type: ignore[no-untyped-def]
+    """By how much the bent view is brighter than this one: differences of this are differences of differences."""
+    n = stop - start + 2 * RADIUS
+    for y in range(last - first + 2 * RADIUS):
+        theirs, mine, row = bent[y, :n], gray[first + y, start : start + n], apart[y, :n]
+        for i in range(n):
+            j = index(i)
+            row[j] = np.int16(theirs[j] - mine[j])
+
+
+@kernel(allocates=False)
+def _compare(y, v, start, stop, view, desk):  # type: ignore[no-untyped-def]
+    """Sum, for a row, what differs between the views: `sign` for another sign, and the cut difference.
+
+    In blocks of a fixed size, which compilers turn into a few wide instructions; what lies beyond `stop` is not used.
+    """
+    softness, sign = view.softness, view.sign
+    for block in range(0, stop - start, BLOCK):
+        total = desk.differing[block : block + BLOCK]
+        for i in range(BLOCK):
+            total[i] = 0
+        x, u = block + RADIUS, start + block + RADIUS
+        apart, theirs = desk.apart[y + RADIUS, x : x + BLOCK], desk.bent[y + RADIUS, x : x + BLOCK]
+        mine = view.gray[v + RADIUS, u : u + BLOCK]
+        for dv in range(-RADIUS, RADIUS + 1):
+            for du in range(-RADIUS, RADIUS + 1):
+                if dv == 0 and du == 0:
+                    continue
+                row, p, q = y + RADIUS + dv, x + du, u + du
+                next_apart, next_theirs = desk.apart[row, p : p + BLOCK], desk.bent[row, p : p + BLOCK]
+                next_mine = view.gray[v + RADIUS + dv, q : q + BLOCK]
+                for i in range(BLOCK):
+                    size = min(np.int16(abs(np.int16(next_apart[i] - apart[i]))), softness)
+                    other_sign = (next_theirs[i] > theirs[i]) != (next_mine[i] > mine[i])
+                    total[i] = np.int16(total[i] + np.int16(size + (sign if other_sign else np.int16(0))))
+
+
+@kernel(allocates=False)
+def _prefix(a, here, start, stop, width, view, differing, prefix):  # type: ignore[no-untyped-def]
     """Running sums of the pixels' costs along a row."""
-    total = np.float32(0)
-    prefix[0] = total
-    half = np.float32(0.5)
-    for u in range(start, stop):
-        d = here + a * np.float32(u)
-        x = np.float32(u) - d
-        if d < low - half or d > high + half:
-            total += np.float32(FORBIDDEN)
-        elif x < -half or x > np.float32(width) - half:
-            total += np.float32(OUTSIDE)
-        else:
-            total += min(np.float32(differing[u - start]), most) * (np.float32(2) / most)
-        prefix[u - start + 1] = total
+    half, most = np.float32(0.5), np.int32(view.most)
+    low, high, edge = view.low - half, view.high + half, np.float32(width) - half
+    u, end = np.float32(start), np.float32(stop - 1)
+    least, greatest = min(here + a * u, here + a * end), max(here + a * u, here + a * end)
+    inside = (
+        min(u - here - a * u, end - here - a * end) >= -half and max(u - here - a * u, end - here - a * end) <= edge
+    )
+    total = np.int32(0)
+    prefix[index(0)] = total
+    if least >= low and greatest <= high and inside:
+        for i in range(stop - start):
+            total = np.int32(total + min(np.int32(differing[index(i)]), most))
+            prefix[index(i) + index(1)] = total
+        return
+    outside, forbidden = np.int32(most * OUTSIDE / 2), np.int32(most * FORBIDDEN / 2)
+    for i in range(stop - start):
+        u = np.float32(start + i)
+        d = here + a * u
+        cost = min(np.int32(differing[index(i)]), most)
+        if d < low or d > high:
+            cost = forbidden
+        elif u - d < -half or u - d > edge:
+            cost = outside
+        total = np.int32(total + cost)
+        prefix[index(i) + index(1)] = total
