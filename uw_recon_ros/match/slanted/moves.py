@@ -19,8 +19,8 @@ from uw_recon_ros.match.slanted.grid_cut import MOVE, Grid, clear, cut
 from uw_recon_ros.types import FloatImage
 
 Real = float | np.float32
-#: A cut that looks at more nodes than this for each of its own is given up, and nothing moves. The hardest of pairs in
-#: haze need 75, of images of nothing but noise 80: none is given up, and no input can hold the matcher up.
+#: A cut that takes more steps than this for each of its nodes is given up, and nothing moves. The hardest of pairs in
+#: haze take 32: none is given up, and no input can hold the matcher up.
 MOST_STEPS = 128
 
 
