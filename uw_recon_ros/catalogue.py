@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from uw_recon_ros.match.stage import MatchParams
-from uw_recon_ros.node_params import CameraParams, CloudParams, DisparityMessageParams, NodeParams
+from uw_recon_ros.node_params import CameraParams, CloudParams, DisparityMessageParams, NodeParams, RateParams
 from uw_recon_ros.params import Params
 from uw_recon_ros.preprocess.stage import PreprocessParams
 from uw_recon_ros.reconstruct.stage import ReconstructParams
@@ -13,7 +13,7 @@ from uw_recon_ros.rectify.stage import RectifyParams
 NODES: dict[str, tuple[type[Params], ...]] = {
     "preprocess_node": (PreprocessParams, CameraParams),
     "rectify_node": (RectifyParams,),
-    "disparity_node": (MatchParams, DisparityMessageParams),
+    "disparity_node": (MatchParams, DisparityMessageParams, RateParams),
     "point_cloud_node": (ReconstructParams, DisparityMessageParams, CloudParams),
 }
 ALL_PARAMS: tuple[type[Params], ...] = tuple(dict.fromkeys([*(c for own in NODES.values() for c in own), NodeParams]))

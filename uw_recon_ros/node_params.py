@@ -63,3 +63,16 @@ class CloudParams(Params):
     image_memory_mb: int = param(
         256, "Memory for images that wait for their disparity, beyond a few.", unit="MB", low=1, high=65_536
     )
+
+
+@dataclass(frozen=True)
+class RateParams(Params):
+    """What nodes that match know besides."""
+
+    target_rate_hz: float = param(
+        0.0,
+        "Rate to hold by spending less than effort where need be; 0: effort is always spent.",
+        unit="Hz",
+        low=0,
+        high=1e3,
+    )

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rclpy.parameter import Parameter
 from ros_bench import BANDS, BASELINE, FOCAL, FRAME, Bench, array, banded_pair, color, infos, mono, texture
 from sensor_msgs.msg import CameraInfo, Image
 from stereo_msgs.msg import DisparityImage
@@ -47,11 +48,13 @@ class Rectifier:
             self.topics[name].publish(message)
 
 
-def offline(left: np.ndarray = LEFT, right: np.ndarray = RIGHT, geometry: StereoGeometry | None = None) -> DisparityMap:
+def offline(
+    left: np.ndarray = LEFT, right: np.ndarray = RIGHT, geometry: StereoGeometry | None = None, effort: str = "balanced"
+) -> DisparityMap:
     geometry = geometry or geometry_from_infos(*infos(0))
     colors = [np.repeat(image[..., None], 3, axis=2) for image in (left, right)]
     pair = RectifiedPair(*colors, left, right, geometry, RectificationQuality("given"))
-    return Match(MatchParams(**LIMITS))(pair)
+    return Match(MatchParams(effort=effort, **LIMITS))(pair)
 
 
 def test_disparity_status_and_sigma(bench: Bench) -> None:
@@ -162,8 +165,6 @@ def test_no_disparity_range_in_the_images_and_none_given(bench: Bench) -> None:
 
 
 def test_parameters_that_contradict_each_other_are_refused(bench: Bench) -> None:
-    from rclpy.parameter import Parameter
-
     node = bench.start(DisparityNode, **LIMITS)
     result = node.set_parameters([Parameter("min_disparity", value=99)])[0]
     assert not result.successful
@@ -196,3 +197,52 @@ def test_texture_alone_is_not_enough(bench: Bench) -> None:
     heard.clear()
     rectifier.send(2 * SECOND)
     bench.spin_until(lambda: heard)
+
+
+def said(node: DisparityNode) -> dict[str, str]:
+    return {pair.key: pair.value for pair in node.diagnostics.tick("x").values}
+
+
+def test_a_rate_out_of_reach(bench: Bench) -> None:
+    """The least effort is spent, and that it does not suffice is said; without a target, all of it is spent."""
+    node = bench.start(DisparityNode, target_rate_hz=1000.0, **LIMITS)
+    heard = bench.listen(DisparityImage, "disparity")
+    rectifier = Rectifier(bench)
+    rectifier.connect()
+    for frame in range(1, 5):
+        rectifier.send(frame * SECOND)
+        bench.spin_until(lambda n=frame: len(heard) == n)
+    bench.spin_until(lambda: "rate" in said(node))
+    assert said(node)["effort"] == "navigation"
+    assert said(node)["target [Hz]"] == "1000"
+    assert float(said(node)["possible [Hz]"]) < 1000
+    assert node.diagnostics.tick("x").message == "target_rate_hz: 1000 Hz missed even with effort navigation"
+    for message in heard:
+        disparity = messages.float_image_from_message(message.image)
+        np.testing.assert_array_equal(disparity, offline(effort="navigation").disparity)
+    heard.clear()
+    assert node.set_parameters([Parameter("target_rate_hz", value=0.0)])[0].successful
+    rectifier.send(9 * SECOND)
+    bench.spin_until(lambda: heard and "effort" in said(node))
+    np.testing.assert_array_equal(messages.float_image_from_message(heard[0].image), offline().disparity)
+    bench.spin_until(lambda: said(node)["effort"] == "balanced")
+    assert "rate" not in said(node)
+    assert "target [Hz]" not in said(node)
+
+
+def test_a_rate_within_reach(bench: Bench) -> None:
+    """It begins with the least effort and climbs to the one asked for, no further."""
+    node = bench.start(DisparityNode, target_rate_hz=0.01, **LIMITS)
+    heard = bench.listen(DisparityImage, "disparity")
+    rectifier = Rectifier(bench)
+    rectifier.connect()
+    efforts = []
+    for frame in range(1, 26):
+        rectifier.send(frame * SECOND)
+        bench.spin_until(lambda n=frame: len(heard) == n)
+        bench.spin_until(lambda: "effort" in said(node))
+        efforts.append(said(node)["effort"])
+    assert (efforts[0], efforts[-1], set(efforts)) == ("navigation", "balanced", {"navigation", "balanced"})
+    first, last = (messages.float_image_from_message(heard[i].image) for i in (0, -1))
+    np.testing.assert_array_equal(first, offline(effort="navigation").disparity)
+    np.testing.assert_array_equal(last, offline().disparity)

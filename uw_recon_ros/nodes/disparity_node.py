@@ -18,12 +18,13 @@ from typing import Any, NamedTuple
 from sensor_msgs.msg import CameraInfo, Image
 from stereo_msgs.msg import DisparityImage
 
-from uw_recon_ros.match.stage import Match, MatchParams
-from uw_recon_ros.node_params import DisparityMessageParams
+from uw_recon_ros.match.stage import MatchParams
+from uw_recon_ros.node_params import DisparityMessageParams, RateParams
 from uw_recon_ros.ros.assembly import Group
 from uw_recon_ros.ros.diagnostics import Diagnostics
 from uw_recon_ros.ros.disparity import disparity_message, sigma_message, status_message
 from uw_recon_ros.ros.main import run
+from uw_recon_ros.ros.matching import NodeMatcher
 from uw_recon_ros.ros.node import StageNode
 from uw_recon_ros.ros.outputs import Outputs
 from uw_recon_ros.ros.pairs import rectified_pair
@@ -65,7 +66,7 @@ def publish_disparity(outputs: Outputs, disparity: DisparityMap, params: Dispari
 class DisparityStage(NamedTuple):
     """The stage, and how its result is sent."""
 
-    match: Match
+    match: NodeMatcher
     message: DisparityMessageParams
 
 
@@ -73,12 +74,12 @@ class DisparityNode(StageNode[DisparityStage]):
     """Matches rectified pairs."""
 
     def __init__(self, **options: Any) -> None:
-        classes = (DisparityMessageParams, MatchParams)
+        classes = (DisparityMessageParams, RateParams, MatchParams)
         super().__init__("disparity_node", classes=classes, inputs=INPUTS, outputs=OUTPUTS, **options)
 
     def build(self, params: ParameterSet) -> DisparityStage:
         """Make the stage."""
-        return DisparityStage(Match(params[MatchParams]), params[DisparityMessageParams])
+        return DisparityStage(NodeMatcher(params[MatchParams], params[RateParams]), params[DisparityMessageParams])
 
     def warm_up(self, stage: DisparityStage) -> None:
         """Compile the matcher, or fetch it compiled."""
@@ -90,6 +91,10 @@ class DisparityNode(StageNode[DisparityStage]):
         report_disparity(self.diagnostics, disparity)
         publish_disparity(outputs, disparity, stage.message)
         return disparity.stamp_ns
+
+    def finished(self, stage: DisparityStage, took_s: float) -> None:
+        """Hold the rate that is asked for."""
+        stage.match.finished(took_s, self.diagnostics)
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -10,14 +10,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from uw_recon_ros.match.stage import Match, MatchParams
-from uw_recon_ros.node_params import CameraParams, DisparityMessageParams
+from uw_recon_ros.match.stage import MatchParams
+from uw_recon_ros.node_params import CameraParams, DisparityMessageParams, RateParams
 from uw_recon_ros.nodes import disparity_node, point_cloud_node, preprocess_node, rectify_node
 from uw_recon_ros.preprocess.stage import Preprocess, PreprocessParams
 from uw_recon_ros.reconstruct.stage import Reconstruct, ReconstructParams
 from uw_recon_ros.rectify.stage import RectifyParams
 from uw_recon_ros.ros.assembly import Group
 from uw_recon_ros.ros.main import run
+from uw_recon_ros.ros.matching import NodeMatcher
 from uw_recon_ros.ros.node import StageNode
 from uw_recon_ros.ros.outputs import Outputs
 from uw_recon_ros.ros.pairs import calibration_from_infos, raw_pair
@@ -41,7 +42,7 @@ class Stages:
     params: ParameterSet
     preprocess: Preprocess
     rectify: rectify_node.RigRectifier
-    match: Match
+    match: NodeMatcher
     reconstruct: Reconstruct
 
 
@@ -49,7 +50,7 @@ class PipelineNode(StageNode[Stages]):
     """Runs the whole pipeline as far as somebody listens."""
 
     def __init__(self, **options: Any) -> None:
-        own = (CameraParams, DisparityMessageParams)
+        own = (CameraParams, DisparityMessageParams, RateParams)
         classes = (*own, PreprocessParams, RectifyParams, MatchParams, ReconstructParams)
         super().__init__("pipeline_node", classes=classes, inputs=INPUTS, outputs=OUTPUTS, **options)
 
@@ -61,7 +62,7 @@ class PipelineNode(StageNode[Stages]):
             params,
             Preprocess(params[PreprocessParams]),
             before.rectify if before and keep_rig else rectify_node.RigRectifier.make(params[RectifyParams]),
-            Match(params[MatchParams]),
+            NodeMatcher(params[MatchParams], params[RateParams]),
             Reconstruct(params[ReconstructParams]),
         )
 
@@ -87,6 +88,10 @@ class PipelineNode(StageNode[Stages]):
             if outputs.wanted(*_topics_from(2)):
                 self._reconstruct(stage, rectified, outputs)
         return raw.stamp_ns
+
+    def finished(self, stage: Stages, took_s: float) -> None:
+        """Hold the rate that is asked for."""
+        stage.match.finished(took_s, self.diagnostics)
 
     def _reconstruct(self, stage: Stages, rectified: RectifiedPair, outputs: Outputs) -> None:
         disparity = stage.match(rectified)

@@ -12,6 +12,8 @@ ten seconds, spreads are of the last fifty frames, numbers of drops since the st
 | ``dropped [Hz]``, ``dropped``, ``dropped: REASON`` | frames given up: rate, number, number by reason |
 | ``last drop`` | why the last one was, where there is more to say than the reason |
 | ``work [s]``, ``work p95 [s]``, ``work max [s]`` | time a frame was worked on: median, 95th percentile, most |
+| ``effort`` | of the matcher, spent on the last frame |
+| ``target [Hz]``, ``possible [Hz]`` | ``target_rate_hz``, where set, and the rate that the last frame's work allows |
 | ``latency [s]``, ``latency p95 [s]``, ``latency max [s]`` | from the stamp of the left image to the end of the work |
 
 Beside these stand facts of the last frame and settings in use (``effort``, ``density``, ``row_error_median_px``, ...)
@@ -118,9 +120,10 @@ class Diagnostics:
             self._recent[what].append(value)
 
     def say(self, **facts: Any) -> None:
-        """Set what is known of the last frame, e.g. ``density="0.91"``."""
+        """Set what is known of the last frame, e.g. ``density="0.91"``; None: no longer known."""
         with self._lock:
             self._facts.update({name: str(value) for name, value in facts.items()})
+            self._facts = {name: value for name, value in self._facts.items() if facts.get(name, value) is not None}
 
     def problem(self, key: str, text: str | None) -> None:
         """Set a standing problem, or clear it with None."""

@@ -106,6 +106,9 @@ class StageNode(ManagedNode, Generic[S]):
     def warm_up(self, stage: S) -> None:
         """Prepare what would delay the first frame. In the worker's thread; overridden where there is something."""
 
+    def finished(self, stage: S, took_s: float) -> None:
+        """Take note of how long `work` took, s. In the worker's thread; overridden where it matters."""
+
     def adapt_inputs(self, params: ParameterSet) -> None:
         """Adapt the inputs to the parameters. Overridden where there is something to adapt."""
 

@@ -119,16 +119,18 @@ class Session(Generic[S]):
 
     def _work(self, task: tuple[Outputs, Group]) -> None:
         outputs, group = task
-        started = time.monotonic()
+        stage, started = self.stage, time.monotonic()
         try:
-            stamp_ns = self._node.work(self.stage, group, outputs)
+            stamp_ns = self._node.work(stage, group, outputs)
+            took_s = time.monotonic() - started
+            self._node.finished(stage, took_s)
         except (ReconError, ValueError) as error:
             self._failed(outputs, type(error).__name__, str(error))
         except Exception as error:  # a bug of ours, or of a library: the node must live to report it
             text = f"internal error: {error!r}"
             self._failed(outputs, f"internal {type(error).__name__}", text, traceback.format_exc())
         else:
-            self._done(outputs, stamp_ns, time.monotonic() - started)
+            self._done(outputs, stamp_ns, took_s)
 
     def _done(self, outputs: Outputs, stamp_ns: int, took_s: float) -> None:
         if not outputs.open:

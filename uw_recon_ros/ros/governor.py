@@ -1,0 +1,87 @@
+"""Which effort holds a rate: a rule on measured times, without clock, threads or ROS.
+
+Rate comes first: it begins with the least effort and climbs. What the next effort would take is foretold from the ratio
+of the two, measured at the last change between them. That knowledge fades, so that what was too slow once is tried
+again: soon where it nearly fitted, rarely where it was far off. A trial that fails costs one late frame.
+"""
+
+from __future__ import annotations
+
+import statistics
+from collections import deque
+from collections.abc import Sequence
+
+#: How many times longer the next effort takes, until measured: 0.08, 0.57, 4.1 s (``test/benchmark/matching.py``).
+_STEP = 7.0
+_WINDOW = 3  # frames whose median is believed: one late frame is an accident
+_CALM = 10  # frames at an effort before the next is tried
+_MARGIN = 0.8  # of the time there is, which the next effort must promise to keep
+_HALF_LIFE = 1000.0  # frames in which half of what was measured is forgotten
+
+
+class EffortGovernor:
+    """Picks one of several efforts, frame by frame, to hold a rate.
+
+    Parameters
+    ----------
+    efforts : sequence of str
+        From the least to the most that may be spent.
+    budget_s : float
+        Time there is for a frame, s: one over the rate.
+
+    Attributes
+    ----------
+    missed : bool
+        Whether even the least effort takes longer.
+    """
+
+    def __init__(self, efforts: Sequence[str], budget_s: float) -> None:
+        if not efforts or not budget_s > 0:
+            raise ValueError(f"expected efforts and a positive budget, got {tuple(efforts)} and {budget_s!r} s")
+        self._efforts, self._budget_s = tuple(efforts), budget_s
+        self._ratios = [_STEP] * (len(self._efforts) - 1)
+        self._level = 0
+        self._recent: deque[float] = deque(maxlen=_WINDOW)
+        self._frames = 0
+        self._before: tuple[int, float] | None = None
+        self.missed = False
+
+    @property
+    def effort(self) -> str:
+        """What to spend on the next frame."""
+        return self._efforts[self._level]
+
+    def record(self, took_s: float) -> None:
+        """Note how long a frame took at the present effort, s; this may change it."""
+        self._recent.append(took_s)
+        self._frames += 1
+        now_s = statistics.median(self._recent)
+        self._compare(now_s)
+        on_trial = self._before is not None and self._before[0] < self._level
+        late = now_s > self._budget_s and (on_trial or len(self._recent) == _WINDOW)
+        self.missed = self._level == 0 and (late or (self.missed and now_s > self._budget_s))
+        if late and self._level > 0:
+            self._change(-1, now_s)
+        elif not late and self._level < len(self._ratios):
+            self._consider(now_s)
+        if self._frames == _WINDOW:
+            self._before = None
+
+    def _compare(self, now_s: float) -> None:
+        """Measure the ratio of the efforts on both sides of the last change, while it is fresh."""
+        if self._before is not None:
+            level, before_s = self._before
+            low, high = (before_s, now_s) if level < self._level else (now_s, before_s)
+            self._ratios[min(level, self._level)] = max(1.0, high / max(low, 1e-9))
+
+    def _consider(self, now_s: float) -> None:
+        """Climb where the next effort promises to fit."""
+        self._ratios[self._level] = max(1.0, self._ratios[self._level] * 0.5 ** (1 / _HALF_LIFE))
+        if self._frames >= _CALM and now_s * self._ratios[self._level] < _MARGIN * self._budget_s:
+            self._change(+1, now_s)
+
+    def _change(self, step: int, now_s: float) -> None:
+        self._before = (self._level, now_s)
+        self._level += step
+        self._frames = 0
+        self._recent.clear()

@@ -1,0 +1,71 @@
+"""The matching stage in a node: at the effort asked for, or at the one that holds a rate."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from uw_recon_ros.match.methods import EFFORTS
+from uw_recon_ros.match.stage import Match, MatchParams
+from uw_recon_ros.node_params import RateParams
+from uw_recon_ros.ros.diagnostics import Diagnostics
+from uw_recon_ros.ros.governor import EffortGovernor
+from uw_recon_ros.types import DisparityMap, RectifiedPair
+
+_TARGET, _POSSIBLE = "target [Hz]", "possible [Hz]"
+
+
+class NodeMatcher:
+    """`Match`, with ``target_rate_hz``: ``effort`` is then the most that is spent.
+
+    Nothing but the effort is lowered: fewer disparities or pixels would hide what is there. Used by the worker's thread
+    alone, once made.
+
+    Parameters
+    ----------
+    params : MatchParams
+    rate : RateParams
+    """
+
+    def __init__(self, params: MatchParams, rate: RateParams) -> None:
+        self.params, self.rate = params, rate
+        self._governor: EffortGovernor | None = None
+        efforts: tuple[str, ...] = (params.effort,)
+        if rate.target_rate_hz > 0:
+            if params.method == "graph_cut":
+                efforts = EFFORTS[: EFFORTS.index(params.effort) + 1]
+            self._governor = EffortGovernor(efforts, 1 / rate.target_rate_hz)
+        self._matches = {effort: Match(replace(params, effort=effort)) for effort in efforts}
+        self._matched = False
+
+    @property
+    def effort(self) -> str:
+        """What is spent on the next pair."""
+        return self._governor.effort if self._governor is not None else self.params.effort
+
+    def warm_up(self) -> None:
+        """Compile the matcher, or fetch it compiled, for every effort that may be used."""
+        for match in self._matches.values():
+            match.warm_up()
+
+    def __call__(self, pair: RectifiedPair) -> DisparityMap:
+        """Match one pair."""
+        self._matched = True
+        return self._matches[self.effort](pair)
+
+    def finished(self, took_s: float, diagnostics: Diagnostics) -> None:
+        """Take note of how long the node's work on a frame took, s, and report."""
+        if not self._matched:  # nobody listened that far
+            return
+        self._matched = False
+        spent = self.effort if self.params.method == "graph_cut" else None
+        diagnostics.say(effort=spent)
+        if self._governor is None:
+            diagnostics.say(**dict.fromkeys((_TARGET, _POSSIBLE)))
+            diagnostics.problem("rate", None)
+            return
+        self._governor.record(took_s)
+        target_hz = self.rate.target_rate_hz
+        diagnostics.say(**{_TARGET: f"{target_hz:g}", _POSSIBLE: f"{1 / max(took_s, 1e-9):.2f}"})
+        least = f"effort {spent}" if spent else self.params.method
+        text = f"target_rate_hz: {target_hz:g} Hz missed even with {least}"
+        diagnostics.problem("rate", text if self._governor.missed else None)
