@@ -13,7 +13,6 @@ TEST = [
     "pytest>=7.4",
     "pytest-xdist>=3",
     "pytest-timeout>=2.1",
-    "pytest-rerunfailures>=13",
     "hypothesis>=6.80",
     "psutil>=5.9",
     *DASK,

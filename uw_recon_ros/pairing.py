@@ -73,6 +73,11 @@ class Synchronizer(Generic[T]):
     def __post_init__(self) -> None:
         self._waiting = [deque() for _ in range(self.streams)]
 
+    @property
+    def waiting(self) -> list[list[tuple[int, T]]]:
+        """Stamps and items of each stream that have no partners yet, oldest first."""
+        return [list(queue) for queue in self._waiting]
+
     def push(self, stream: int, stamp_ns: int, item: T) -> list[tuple[T, ...]]:
         """Add an item; return the groups it completes (most often none or one).
 

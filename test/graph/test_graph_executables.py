@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from process_watch import mapped_segments
 from ros_bench import banded_pair, color, texture
 from sensor_msgs.msg import CompressedImage, Image
 
@@ -145,17 +146,11 @@ def test_another_type_on_a_topic_is_named(graph: Any) -> None:
     assert "outsider publishes sensor_msgs/msg/CompressedImage" in node.output
 
 
-def mapped(pid: int) -> set[str]:
-    """Segments of shared memory that a process has open."""
-    maps = Path(f"/proc/{pid}/maps").read_text().splitlines()
-    return {line.split("/dev/shm/")[1] for line in maps if "/dev/shm/" in line}
-
-
 def test_nothing_is_left_in_shared_memory(graph: Any) -> None:
     before = set(os.listdir("/dev/shm"))
     node = graph.start("preprocess_node")
     graph.ready("preprocess_node")
-    own = {name for name in mapped(node.process.pid) - before if "port" not in name}
+    own = {name for name in mapped_segments(node.process.pid) - before if "port" not in name}
     assert max(os.stat(f"/dev/shm/{name}").st_size for name in own) >= 4 << 20  # the profile has taken effect
     node.signal(signal.SIGINT)
     assert node.wait() == 0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections import defaultdict
 from pathlib import Path
 from typing import Any
@@ -10,12 +9,12 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from graph_bench import FOUR
 from rclpy.serialization import serialize_message
 from ros_bench import BASELINE, FOCAL, FRAME, banded_pair, color, infos
 from ros_bench import HEIGHT as H
 from ros_bench import WIDTH as W
 from sensor_msgs.msg import Image, PointCloud2
-from std_srvs.srv import Trigger
 from stereo_msgs.msg import DisparityImage
 
 from uw_recon_ros.bags.model import RawMessage
@@ -33,11 +32,6 @@ SECOND = 1_000_000_000
 FRAMES = 3
 LIMITS = {"min_disparity": 0, "max_disparity": 24}
 PARAMETERS = "/**:\n  ros__parameters:\n    min_disparity: 0\n    max_disparity: 24\n"
-FOUR = ("preprocess_node", "rectify_node", "disparity_node", "point_cloud_node")
-BETWEEN = (
-    *(f"{eye}/image_{kind}" for eye in ("left", "right") for kind in ("enhanced", "matching")),
-    *(f"rectified/{eye}/{kind}" for eye in ("left", "right") for kind in ("image_rect", "camera_info")),
-)
 HEARD = {
     "disparity": DisparityImage,
     "disparity/status": Image,
@@ -93,24 +87,12 @@ class Replay:
             graph.bench.outsider.create_subscription(kind, topic, self._keep(topic), 10)
         with open_bag(bag) as reader:
             topics = [topic.name for topic in reader.topics]
-        count = graph.bench.outsider.count_subscribers
-        graph.spin_until(
-            lambda: all(count(f"/{t}") for t in BETWEEN) or len(nodes) == 1, "the nodes to find each other"
-        )
+        graph.connected(*nodes)
         self.player = graph.start("bag_player_node", bag, "--start-paused", "--wait-for", *topics)
-        self._client = graph.bench.outsider.create_client(Trigger, "/bag_player_node/step")
-        graph.spin_until(lambda: all(count(topic) for topic in topics), "subscribers of the cameras")
-        graph.spin_until(self._client.service_is_ready)
+        self.step = graph.stepper()
 
     def _keep(self, topic: str) -> Any:
         return lambda message: self.got[messages.stamp_ns(message)].update({topic: message})
-
-    def step(self) -> None:
-        future = self._client.call_async(Trigger.Request())
-        # A busy machine loses the answer where the player has not found our end of the service yet; not the frame.
-        patience = time.monotonic() + 5.0
-        self.graph.spin_until(lambda: future.done() or time.monotonic() > patience)
-        assert not future.done() or future.result().success, future.result().message
 
 
 def offline(bag: Path, parameters: dict[str, Any] = LIMITS) -> dict[int, Result]:

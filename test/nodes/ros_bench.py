@@ -2,17 +2,36 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
+import random
 import tempfile
 import time
-import zlib
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
+_reserved: list[Any] = []
+
+
+def own_domain() -> int:
+    """A ROS domain that no other run of tests on this machine has, as long as this process lives.
+
+    Two runs on one domain hear each other's nodes: topics with two publishers, services with two servers.
+    """
+    for domain in random.SystemRandom().sample(range(1, 102), 101):
+        try:
+            file = Path(tempfile.gettempdir(), f"uw_recon_test_domain_{domain}.lock").open("a")  # noqa: SIM115
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            continue
+        _reserved.append(file)
+        return domain
+    raise RuntimeError("expected a free ROS domain of 1 to 101, all are taken")
+
+
 # Before any ROS import: the environment is read once.
-_RUN = os.environ.get("PYTEST_XDIST_TESTRUNUID", str(os.getpid()))
-_WORKER = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
-os.environ["ROS_DOMAIN_ID"] = str(1 + (zlib.crc32(_RUN.encode()) + _WORKER) % 101)
+os.environ["ROS_DOMAIN_ID"] = str(own_domain())
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ.setdefault("ROS_LOG_DIR", tempfile.mkdtemp(prefix="uw_recon_test_log_"))
 os.environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")

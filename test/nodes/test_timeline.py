@@ -67,3 +67,12 @@ def test_resuming_ends_a_step() -> None:
     timeline.resume(10.0)
     timeline.pause(11.0)
     assert not timeline.take_step("left", 5)
+
+
+def test_a_step_begins_until_its_first_message() -> None:
+    timeline = Timeline(0, 1.0)
+    assert not timeline.step_begins
+    timeline.begin_step()
+    assert timeline.step_begins
+    assert timeline.take_step("left", 1)
+    assert not timeline.step_begins

@@ -188,3 +188,30 @@ def test_another_image_size_starts_anew(frames):
     found = tracker.update(enhanced(left, right))
     assert (found.raw_width, found.raw_height) == (320, 200)
     assert not found.locked
+
+
+@pytest.mark.parametrize("calibrated", [False, True])
+def test_watching_afterwards_decides_the_same(frames, moved_frames, calibrated):
+    """Put off until the frame is on its way, looking changes what the next frame gets, and nothing else."""
+    seen = [*frames, *frames, *(moved_frames * 2)]
+    seen = [with_calibration(frame, calibration_of(RIG)) for frame in seen] if calibrated else seen
+    at_once, later = RigTracker(PARAMS), RigTracker(PARAMS)
+    immediate = [at_once.update(frame) for frame in seen]
+    deferred = []
+    for frame in seen:
+        deferred.append(later.update(frame, watch=False))
+        later.watch(frame)
+    differ = [i for i, (now, then) in enumerate(zip(immediate, deferred, strict=True)) if now.geometry != then.geometry]
+    assert len(differ) == (0 if calibrated else 1)  # the frame that gave the rig's motion away
+    assert immediate[-1].geometry == deferred[-1].geometry
+
+
+def test_a_known_rig_is_not_looked_at_before_its_frame_is_on_its_way(frames):
+    tracker = RigTracker(PARAMS)
+    frames = [with_calibration(frame, calibration_of(RIG)) for frame in frames]
+    first = tracker.update(frames[0], watch=False)
+    assert first.quality.inliers > 0  # an unknown one is
+    later = [tracker.update(frame, watch=False) for frame in frames[1:]]
+    assert all(found.quality == first.quality for found in later)
+    tracker.watch(frames[-1])
+    assert tracker.update(frames[-1], watch=False).quality.inliers > first.quality.inliers

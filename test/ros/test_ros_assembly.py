@@ -71,14 +71,19 @@ def test_a_group_goes_on_when_the_publisher_it_waits_for_is_gone() -> None:
     assert bench.groups == [{"left": "left1"}]
 
 
-def test_another_set_of_streams_starts_afresh() -> None:
+def test_what_waits_is_kept_when_another_stream_joins_or_leaves() -> None:
     bench = Bench(["left", "right"], [])
     bench.push(("left", 1))
-    bench.assembler.expect(["left", "right", "matching"], [])
+    bench.assembler.expect(["left", "right", "matching"], ["info"])
     bench.push(("right", 1), ("matching", 1))
-    assert bench.groups == []
-    bench.push(("left", 2), ("right", 2), ("matching", 2))
-    assert [sorted(group) for group in bench.groups] == [["left", "matching", "right"]]
+    assert bench.groups == []  # waits for the info
+    bench.assembler.set_latest("info", "first")
+    whole = {"left": "left1", "right": "right1", "matching": "matching1", "info": "first"}
+    assert bench.groups == [whole]
+    bench.push(("left", 2), ("right", 2))
+    bench.assembler.expect(["left", "right"], ["info"])
+    assert bench.groups == [whole, {"left": "left2", "right": "right2", "info": "first"}]
+    assert not bench.drops
 
 
 def test_expecting_the_same_again_forgets_nothing() -> None:

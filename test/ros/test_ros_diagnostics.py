@@ -131,3 +131,12 @@ def test_a_silenced_throttle_logs_nothing() -> None:
     throttle.silence()
     throttle("a", "text")
     assert lines == []
+
+
+def test_both_ends_are_named() -> None:
+    diagnostics = Diagnostics()
+    diagnostics.connect({"left/image_raw": 1}, {"disparity": 2})
+    diagnostics.connect({}, {"disparity": 0})
+    said = values(diagnostics.tick("/node"))
+    assert said["listeners disparity"] == "0"
+    assert "publishers left/image_raw" not in said  # no longer read

@@ -33,6 +33,7 @@ from uw_recon_ros.ros.qos import profile
 _POLL_S = 0.05
 _SETTLE_S = 1.0
 _ACKNOWLEDGE_S = 2.0
+_MEET_S, _MEET_POLL_S = 1.0, 0.005
 
 
 class BagPlayerNode(Node):  # type: ignore[misc]
@@ -80,6 +81,7 @@ class BagPlayerNode(Node):  # type: ignore[misc]
     def play(self) -> None:
         """Play to the end, or for ever where looping."""
         self._wait_for_subscribers()
+        self._meet_listeners()
         self._started_s = time.monotonic()
         if not self._settings.start_paused:
             self._timeline.resume(self._started_s)
@@ -113,10 +115,21 @@ class BagPlayerNode(Node):  # type: ignore[misc]
         if self._settings.wait_for_subscribers:
             wait_for_listeners(list(self._players.values()), any, _SETTLE_S, self._spin)
 
+    def _meet_listeners(self) -> None:
+        """Give publishers the time to find the subscribers that the graph knows of; one of other QoS never is."""
+        deadline = time.monotonic() + _MEET_S
+        while self._strangers() and time.monotonic() < deadline:
+            self._spin(_MEET_POLL_S)
+
+    def _strangers(self) -> bool:
+        return any(p.get_subscription_count() < self.count_subscribers(p.topic_name) for p in self._players.values())
+
     def _wait_until_due(self, message: RawMessage) -> None:
         self._spin(0.0)
         while True:
             if self._timeline.paused:
+                if self._timeline.step_begins:
+                    self._meet_listeners()
                 if self._timeline.take_step(message.topic, message.stamp_ns):
                     return
                 self._spin(_POLL_S)

@@ -50,6 +50,11 @@ class Timeline:
         """Allow one message of each topic while paused."""
         self._stepped = set()
 
+    @property
+    def step_begins(self) -> bool:
+        """Whether a step was asked for, and nothing sent yet."""
+        return self._stepped is not None and not self._stepped
+
     def take_step(self, topic: str, recorded_ns: int) -> bool:
         """Whether the step under way includes the next message; if so the recorded time moves to it.
 

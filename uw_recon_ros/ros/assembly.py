@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from uw_recon_ros.pairing import Synchronizer
@@ -55,10 +55,12 @@ class Assembler:
         latest : iterable of str
             Whose latest message goes along; a group waits until there is one.
         """
+        self._required_latest = frozenset(latest)
         if tuple(streams := tuple(streams)) != self._streams or self._synchronizer.tolerance_ns != self.tolerance_ns:
+            waiting = dict(zip(self._streams, self._synchronizer.waiting, strict=False))
             self._streams, self._pending, self._largest = streams, None, 1
             self._synchronizer = Synchronizer(len(streams), self.tolerance_ns, _DEPTH)
-        self._required_latest = frozenset(latest)
+            self._again(waiting)
         self._release()
 
     def reset(self) -> None:
@@ -91,6 +93,12 @@ class Assembler:
             self._complete(dict(zip(self._streams, group, strict=True)))
         if self._synchronizer.dropped > before:
             self._drop(NO_PARTNER, self._synchronizer.dropped - before)
+
+    def _again(self, waiting: Mapping[str, Iterable[tuple[int, Any]]]) -> None:
+        """Take what waited for partners of other streams: who comes late to the graph costs nobody a frame."""
+        again = [(stamp, name, message) for name, items in waiting.items() for stamp, message in items]
+        for stamp, name, message in sorted(again, key=lambda item: item[0]):
+            self.push(name, stamp, message)
 
     def set_latest(self, name: str, message: Any) -> None:
         """Take a message of an input that is not paired."""

@@ -29,7 +29,7 @@ import statistics
 import threading
 import time
 from collections import Counter, defaultdict, deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
@@ -99,6 +99,7 @@ class Diagnostics:
         self._drops: Counter[str] = Counter()
         self._last_drop = ""
         self._facts: dict[str, str] = {}
+        self._ends: dict[str, str] = {}
         self._problems: dict[str, str] = {}
         self._recent: defaultdict[str, deque[float]] = defaultdict(lambda: deque(maxlen=_RECENT))
 
@@ -124,6 +125,12 @@ class Diagnostics:
         with self._lock:
             self._facts.update({name: str(value) for name, value in facts.items()})
             self._facts = {name: value for name, value in self._facts.items() if facts.get(name, value) is not None}
+
+    def connect(self, publishers: Mapping[str, int], listeners: Mapping[str, int]) -> None:
+        """Set who is at the other end: publishers found of each topic read, subscribers found of each published."""
+        ends = {f"publishers {topic}": str(number) for topic, number in publishers.items()}
+        with self._lock:
+            self._ends = ends | {f"listeners {topic}": str(number) for topic, number in listeners.items()}
 
     def problem(self, key: str, text: str | None) -> None:
         """Set a standing problem, or clear it with None."""
@@ -166,7 +173,8 @@ class Diagnostics:
             now, self._now = self._now, Counter()
             self._ticks.append(now)
             level, message = (ERROR, trouble) if trouble else self._verdict(now)
-            values = {**self._facts, **self._rates(), **self._spreads(), **self._dropped(), **self._problems}
+            told = self._facts, self._ends, self._rates(), self._spreads(), self._dropped(), self._problems
+            values = {key: value for part in told for key, value in part.items()}
         if trouble:
             values["transition"] = trouble
         if level == OK:

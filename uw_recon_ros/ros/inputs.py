@@ -106,6 +106,10 @@ class Inputs:
         )
         self._look_for_stalls()
 
+    def publishers(self) -> dict[str, int]:
+        """How many publishers the subscription to each topic read at present has found."""
+        return {line.source.topic: line.subscription.publishers for line in self._lines.values()}
+
     def has_publisher(self, topic: str) -> bool:
         """Whether anybody publishes `topic`, remapped as this node's subscription is."""
         return bool(self._node.count_publishers(self._node.resolve_topic_name(topic)) > 0)

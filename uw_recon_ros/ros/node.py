@@ -204,6 +204,8 @@ class StageNode(ManagedNode, Generic[S]):
         warming = self._session is not None and self._session.warm_up.running
         if self._session is not None:
             self.diagnostics.say(warm_up="running" if warming else "done")
+        listeners = self._session.outputs.listeners() if self._session is not None else {}
+        self.diagnostics.connect(self.inputs.publishers(), listeners)
         note = "warming up: compiling" if warming else ""
         status = self.diagnostics.tick(self.get_fully_qualified_name(), self.state, note, self.trouble)
         message = DiagnosticArray(status=[status])

@@ -78,6 +78,10 @@ class Outputs:
                 self._publishers[topic].get_subscription_count() > 0 for topic in topics or self._publishers
             )
 
+    def listeners(self) -> dict[str, int]:
+        """How many subscribers each topic's publisher has found: what it sends now reaches these."""
+        return {topic: publisher.get_subscription_count() for topic, publisher in self._publishers.items()}
+
     def send(self, topic: str, make: Callable[[], Any]) -> None:
         """Publish the message that `make` returns, if anybody listens to `topic`."""
         if not self.wanted(topic):

@@ -112,6 +112,13 @@ class ReliableFirst:
         """Unsubscribe."""
         self._node.destroy_subscription(self._subscription)
 
+    @property
+    def publishers(self) -> int:
+        """How many publishers the subscription has found; on Humble, how many are known on the topic."""
+        if hasattr(self._subscription, "get_publisher_count"):
+            return int(self._subscription.get_publisher_count())
+        return int(self._node.count_publishers(self._node.resolve_topic_name(self._topic)))
+
     def _subscribe(self) -> Subscription:
         kinds = [QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH]
         if self.reliable:
