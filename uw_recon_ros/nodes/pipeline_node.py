@@ -87,6 +87,7 @@ class PipelineNode(StageNode[Stages]):
             rectify_node.publish_rectified(outputs, rectified)
             if outputs.wanted(*_topics_from(2)):
                 self._reconstruct(stage, rectified, outputs)
+            stage.rectify.watch(enhanced)
         return raw.stamp_ns
 
     def finished(self, stage: Stages, took_s: float) -> None:

@@ -63,8 +63,12 @@ class RigRectifier:
         return cls(Rectify(params), RigTracker(params))
 
     def __call__(self, pair: EnhancedPair) -> RectifiedPair:
-        """Rectify one pair."""
-        return self.rectify(pair, self.rig.update(pair))
+        """Rectify one pair; what need not come before it is left to `watch`."""
+        return self.rectify(pair, self.rig.update(pair, watch=False))
+
+    def watch(self, pair: EnhancedPair) -> None:
+        """Look whether the rig still is as it was, once the pair is on its way."""
+        self.rig.watch(pair)
 
 
 def unwanted_infos(params: RectifyParams) -> frozenset[str]:
@@ -122,9 +126,11 @@ class RectifyNode(StageNode[RigRectifier]):
         """Rectify one pair."""
         report_calibration(self.diagnostics, group)
         calibration = calibration_from_infos(group.get("left_info"), group.get("right_info"))
-        pair = stage(enhanced_pair(group, calibration))
+        enhanced = enhanced_pair(group, calibration)
+        pair = stage(enhanced)
         report_rectification(self.diagnostics, pair)
         publish_rectified(outputs, pair)
+        stage.watch(enhanced)
         return pair.stamp_ns
 
 

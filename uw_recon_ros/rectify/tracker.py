@@ -16,13 +16,21 @@ from uw_recon_ros.rectify.uncalibrated import estimate_rectification
 from uw_recon_ros.types import CameraModel, EnhancedPair, StereoCalibration
 
 _WATCHED_FRAMES = 5  # whose tie points together judge a calibrated rig
+_WATCHING = 4  # watching looks at images half as large, and at so many times fewer features, than estimating
 _NO_BASELINE = "CameraInfo describes two single cameras (P[3] = P[7] = 0): rectified without calibration"
 
 
 class _Rig(Protocol):
     """What a tracker knows of one rig."""
 
-    def update(self, pair: EnhancedPair) -> Rectification: ...
+    def update(self, pair: EnhancedPair, watch: bool) -> Rectification: ...
+
+    def watch(self, pair: EnhancedPair) -> None: ...
+
+
+def _watched(pair: EnhancedPair, params: RectifyParams) -> TiePoints:
+    fewer = replace(params, tie_features=max(params.tie_features // _WATCHING, 100))
+    return find_tie_points(pair, fewer, longest_side=params.tie_image_side // 2)
 
 
 class _CalibratedRig:
@@ -34,21 +42,24 @@ class _CalibratedRig:
         self._frames: deque[TiePoints] = deque(maxlen=_WATCHED_FRAMES)
         self._until_watch = 0
 
-    def update(self, pair: EnhancedPair) -> Rectification:
-        if self._until_watch == 0:
-            self._watch(pair)
-            self._until_watch = self._params.watch_interval
+    def update(self, pair: EnhancedPair, watch: bool) -> Rectification:
         self._until_watch -= 1
+        if watch or not self._frames:  # what nobody has seen to fit yet is looked at before it is used
+            self.watch(pair)
         return self._rectification
 
-    def _watch(self, pair: EnhancedPair) -> None:
+    def watch(self, pair: EnhancedPair) -> None:
+        if self._until_watch > 0:
+            return
         try:
-            found = find_tie_points(pair, self._params, longest_side=self._params.tie_image_side // 2)
+            found = _watched(pair, self._params)
         except EstimationError:  # nothing to measure on: the calibration holds all the same
+            self._until_watch = self._params.watch_interval
             return
         judged(self._rectification, found, self._params)  # raises for exchanged eyes, before these are remembered
         self._frames.append(found)
         self._rectification = judged(self._rectification, gathered(self._frames), self._params)
+        self._until_watch = self._params.watch_interval
 
 
 class _UncalibratedRig:
@@ -61,14 +72,21 @@ class _UncalibratedRig:
         self._rectification: Rectification | None = None
         self._until_look = 0
         self._strays = 0
+        self._put_off = False
 
-    def update(self, pair: EnhancedPair) -> Rectification:
+    def update(self, pair: EnhancedPair, watch: bool) -> Rectification:
         if self._rectification is not None and self._until_look > 0:
             self._until_look -= 1
             return self._rectification
-        if self._rectification is not None and self._rectification.locked:
-            return self._watch(pair, self._rectification)
-        return self._gather(pair)
+        if self._rectification is None or not self._rectification.locked:
+            return self._gather(pair)
+        self._put_off = not watch
+        return self._watch(pair, self._rectification) if watch else self._rectification
+
+    def watch(self, pair: EnhancedPair) -> None:
+        if self._put_off and self._rectification is not None:
+            self._put_off = False
+            self._watch(pair, self._rectification)
 
     def _gather(self, pair: EnhancedPair) -> Rectification:
         """Add a frame and estimate from all; a frame that gives nothing changes nothing."""
@@ -102,7 +120,7 @@ class _UncalibratedRig:
     def _watch(self, pair: EnhancedPair, kept: Rectification) -> Rectification:
         """Measure the row error of a locked rig."""
         try:
-            found = find_tie_points(pair, self._params, longest_side=self._params.tie_image_side // 2)
+            found = _watched(pair, self._params)
         except EstimationError:
             return kept
         median, p95 = row_statistics(kept.row_errors(found))
@@ -139,13 +157,16 @@ class RigTracker:
         self._key: tuple[object, ...] = ()
         self._rig: _Rig | None = None
 
-    def update(self, pair: EnhancedPair) -> Rectification:
+    def update(self, pair: EnhancedPair, *, watch: bool = True) -> Rectification:
         """Look at a frame and return the rectification that fits it.
 
         Parameters
         ----------
         pair : EnhancedPair
             The next frame of the rig.
+        watch : bool
+            Whether a known rig's row error is measured on it, where that is due; else `watch` does it afterwards, so
+            that the frame need not wait.
 
         Returns
         -------
@@ -167,7 +188,18 @@ class RigTracker:
         key = (pair.left.shape[:2], pair.calibration is None, *map(_fingerprint, cameras))
         if self._rig is None or key != self._key:
             self._rig, self._key = self._start(pair, calibration), key
-        return self._rig.update(pair)
+        return self._rig.update(pair, watch)
+
+    def watch(self, pair: EnhancedPair) -> None:
+        """Measure what `update` of the same frame left to be measured, if anything; for the frames to come.
+
+        Raises
+        ------
+        EstimationError
+            The eyes are exchanged, or the rig has moved and its new geometry cannot be estimated from this frame.
+        """
+        if self._rig is not None:
+            self._rig.watch(pair)
 
     def _calibration(self, pair: EnhancedPair) -> StereoCalibration | None:
         """The calibration to use, checked against the images."""
