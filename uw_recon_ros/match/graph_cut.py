@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros.match.methods import EFFORTS
+from uw_recon_ros.match.slanted.certainty import sigma_of
 from uw_recon_ros.match.slanted.gray import Gray, gray_pair, local_contrast
 from uw_recon_ros.match.slanted.moves import Labelling, energy
 from uw_recon_ros.match.slanted.plane_cost import FORBIDDEN, QUARTERS, View, framed, weigh
@@ -20,7 +21,7 @@ from uw_recon_ros.match.slanted.proposals import FIT, NEAR, OWN, POINTS, SHAKEN
 from uw_recon_ros.match.slanted.refine import Pass, disparity_of, refine
 from uw_recon_ros.match.slanted.semiglobal import Start, semiglobal_start
 from uw_recon_ros.match.slanted.support import edge_weights, inverse_size, measure_arms
-from uw_recon_ros.match.slanted.visible import check, contest, drop_islands, fill_background, sigma_of
+from uw_recon_ros.match.slanted.visible import check, contest, drop_islands, fill_background
 from uw_recon_ros.match.slanted.workers import bands, share
 from uw_recon_ros.types import ByteImage, FloatImage
 
@@ -114,11 +115,11 @@ def graph_cut(
     status = _compare(start.disparity, start.right, limits, threads)
     schedule = SCHEDULES[effort]
     if not schedule.passes:
-        return _result(start.disparity, start, status, float("nan"))
+        return _result(start.disparity, eyes, status, float("nan"), effort, threads)
     disparity, costs, units = _planes(*eyes, start.disparity, status == 0, limits, schedule, seed, threads)
     share(lambda b: contest(disparity, costs, *b, status), bands(status.shape[0], threads), threads)
     drop_islands(disparity, status)
-    return _result(disparity, start, status, units / schedule.units)
+    return _result(disparity, eyes, status, units / schedule.units, effort, threads)
 
 
 def _require(left: ByteImage, right: ByteImage, low: int, high: int, effort: str) -> None:
@@ -230,8 +231,10 @@ def _between_pixels(gray: Gray) -> NDArray[np.int16]:
     return np.ascontiguousarray(samples.reshape(height, -1)[:, : QUARTERS * (width - 1) + 1])
 
 
-def _result(disparity: FloatImage, start: Start, status: ByteImage, value: float) -> GraphCutResult:
+def _result(
+    disparity: FloatImage, eyes: tuple[_Eye, _Eye], status: ByteImage, value: float, effort: str, threads: int
+) -> GraphCutResult:
     valid = status == 0
     nan = np.float32(np.nan)
-    sigma = sigma_of(start.curvature, refined=math.isfinite(value))
+    sigma = sigma_of(eyes[0].gray, eyes[1].gray, disparity, status, effort, threads)
     return GraphCutResult(np.where(valid, disparity, nan), np.where(valid, sigma, nan), status, value)

@@ -12,6 +12,7 @@ References
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 
 from uw_recon_ros.reconstruct.planes import fit_planes, flat_planes
@@ -21,6 +22,8 @@ from uw_recon_ros.types import FloatImage, Mask
 #: Standard deviation of rounding to whole pixels: what is assumed where a matcher states none, px.
 ROUNDING_SIGMA = 1 / np.sqrt(12)
 _SIGMA_LIMITS = 0.03, 0.75  # px; a doubtful pixel must not open its window to the surface behind
+_SURELY_LEFT = 0.2  # of sigma, whatever the filter took away: neighbouring errors are not independent
+_MOVE_WINDOW, _BEND_WINDOW = 9, 15  # px: over which moves are squared, and over which they agree
 _SHRINK = 0.8  # of the bandwidth a level: what is left of the noise shrinks, what is left of the edges does not
 
 
@@ -62,6 +65,41 @@ def _cascade(disparity: FloatImage, band: FloatImage, levels: int) -> FloatImage
         planes = fit_planes(planes, band, 2**level)
         band = band * np.float32(_SHRINK)
     return planes.value
+
+
+def sigma_after_smoothing(sigma: FloatImage, before: FloatImage, after: FloatImage) -> FloatImage:
+    """What is left of a standard deviation once a filter has moved the values.
+
+    A filter that averages n independent errors moves each by the part it takes away, ``sigma^2 (1 - 1 / n)`` on the
+    mean. Where it bends a surface too, neighbours move together by some b, an error that it adds. So ``mean d^2 = b^2 +
+    sigma^2 (1 - 1 / n)`` for the moves d, and ``sigma^2 / n + b^2 = sigma^2 - mean d^2 + 2 b^2`` is left.
+
+    Parameters
+    ----------
+    sigma, before, after : (H, W) float32
+        px; NaN = invalid.
+
+    Returns
+    -------
+    (H, W) float32
+        NaN where `sigma` is; never less than a part of it.
+    """
+    moved = after - before
+    valid = np.isfinite(moved)
+    moves = np.where(valid, moved, np.float32(0)).astype(np.float32)
+    near, wide = _share_mean(np.square(moves), valid, _MOVE_WINDOW), _share_mean(moves, valid, _BEND_WINDOW)
+    variance = np.square(sigma)
+    remaining = variance - near + 2 * np.square(wide)
+    least = np.float32(_SURELY_LEFT**2) * variance
+    left: FloatImage = np.sqrt(np.clip(remaining, least, variance + np.square(wide))).astype(np.float32)
+    return left
+
+
+def _share_mean(values: FloatImage, valid: Mask, side: int) -> FloatImage:
+    """Mean of the valid pixels of a window."""
+    count = cv2.blur(valid.astype(np.float32), (side, side))
+    mean: FloatImage = np.asarray(cv2.blur(values, (side, side)) / np.maximum(count, np.float32(1e-6)), np.float32)
+    return mean
 
 
 def plausible_sigma(sigma: FloatImage) -> FloatImage:

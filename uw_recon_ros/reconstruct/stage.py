@@ -9,7 +9,7 @@ import numpy as np
 
 from uw_recon_ros.params import Params, param
 from uw_recon_ros.reconstruct.cloud import organised_cloud, thin_cloud
-from uw_recon_ros.reconstruct.depth_filter import remove_speckles, smooth_disparity
+from uw_recon_ros.reconstruct.depth_filter import remove_speckles, sigma_after_smoothing, smooth_disparity
 from uw_recon_ros.reconstruct.surface import build_surface
 from uw_recon_ros.reconstruct.triangulation import triangulate
 from uw_recon_ros.types import ByteImage, DepthMap, DisparityMap, PointCloud, Status, StereoGeometry, Surface
@@ -132,8 +132,8 @@ class Reconstruct:
         Returns
         -------
         DepthMap
-            In m, or in baselines where the scale is unknown. `sigma` is the matcher's, propagated: it is not made
-            smaller by the filter, for the errors of neighbouring pixels are not independent.
+            In m, or in baselines where the scale is unknown. `sigma` is the matcher's, less what the filter took away,
+            propagated.
 
         Raises
         ------
@@ -147,7 +147,8 @@ class Reconstruct:
         )
         smooth = smooth_disparity(kept, disparity.sigma, levels=p.depth_filter_levels, sigmas=p.depth_filter_sigmas)
         status = disparity.status | np.where(speckles, np.uint8(Status.FILTERED), np.uint8(0))
-        depth, sigma, status = triangulate(smooth, disparity.sigma, status, disparity.geometry, p.max_relative_sigma)
+        left = sigma_after_smoothing(disparity.sigma, kept, smooth)
+        depth, sigma, status = triangulate(smooth, left, status, disparity.geometry, p.max_relative_sigma)
         return DepthMap(depth, sigma, status, disparity.geometry, disparity.stamp_ns, disparity.frame_id)
 
     def cloud(self, depth: DepthMap, left: ByteImage) -> PointCloud:

@@ -1,4 +1,4 @@
-"""What both eyes see: left/right check, why a pixel has no match, and how sure a disparity is."""
+"""What both eyes see: left/right check, and why a pixel has no match."""
 
 from __future__ import annotations
 
@@ -11,8 +11,6 @@ from uw_recon_ros.types import ByteImage, FloatImage, Status
 AGREE = 1.5  #: the views' disparities may differ by this, px
 _OCCLUDED, _OUTSIDE, _INCONSISTENT = int(Status.OCCLUDED), int(Status.OUTSIDE), int(Status.INCONSISTENT)
 ISLAND = 30  #: fewest pixels that hold a surface, px^2
-#: Sigma where the cost is sharp, px; and what adds to it, over the curvature.
-START_SIGMA, REFINED_SIGMA = (0.12, 290.0), (0.08, 240.0)
 
 
 @kernel
@@ -115,14 +113,3 @@ def _fill_rows(disparity: FloatImage) -> None:
             for x in range(u, end):
                 disparity[v, x] = value if np.isfinite(value) else np.float32(np.nan)
             u = end
-
-
-def sigma_of(curvature: FloatImage, refined: bool) -> FloatImage:
-    """Standard deviation, px, from how sharply the aggregated cost rises beside its least value.
-
-    The constants make 68 % of the errors smaller than it, over pairs in air and in water
-    (``test/benchmark/matching.py``, column "within sigma"); `refined`: after the planes.
-    """
-    sure, vague = REFINED_SIGMA if refined else START_SIGMA
-    slope = np.float32(vague) / (np.maximum(curvature, 0) + np.float32(30))
-    return np.asarray(np.hypot(np.float32(sure), slope), np.float32)
