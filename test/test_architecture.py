@@ -31,10 +31,11 @@ MAY_IMPORT = {
     "simulate": NOUNS | {"simulate", "bags"},
     "report": NOUNS | {"report"},
     "pair": OFFLINE | {"report"},
-    "ros": NOUNS | STAGE_ROOMS | NODE_PARAMS | {"ros"},
+    "doctor": NOUNS | {"rectify", "node_params", "doctor"},
+    "ros": NOUNS | STAGE_ROOMS | NODE_PARAMS | {"ros", "doctor"},
     "nodes": OFFLINE | {"ros", "nodes", "bags"},
     "survey": OFFLINE | {"survey", "bags", "report"},
-    "cli": OFFLINE | {"pair", "bags", "simulate", "report", "survey"},
+    "cli": OFFLINE | {"pair", "bags", "simulate", "report", "survey", "doctor", "ros"},
 }
 ROS_PACKAGES = re.compile(r"rclpy|rcl_interfaces|builtin_interfaces|ament_index_python|\w+_msgs|std_srvs|launch(_ros)?")
 MODULES = sorted(PACKAGE.rglob("*.py"))

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 OK, FAILED, USAGE = 0, 1, 2
+_LONGEST_LOOK_S = 3600.0
 
 
 class _UsageError(Exception):
@@ -106,6 +107,47 @@ def _evaluate(args: argparse.Namespace) -> int:
     return OK
 
 
+def _doctor(args: argparse.Namespace) -> int:
+    from uw_recon_ros.doctor.diagnose import diagnose
+    from uw_recon_ros.doctor.text import as_json, as_table
+
+    if not 0 < args.seconds <= _LONGEST_LOOK_S:
+        raise _UsageError(f"--seconds: expected more than 0 and at most {_LONGEST_LOOK_S:g}, got {args.seconds:g}")
+    try:
+        from uw_recon_ros.ros.observe import observe
+    except ModuleNotFoundError as error:
+        raise ReconError(
+            f"doctor: expected ROS 2, no module {error.name}: source its setup.bash, or pip install "
+            "'uw_recon_ros[ros-jazzy]'"
+        ) from error
+    try:
+        seen = observe(args.namespace, args.seconds, args.ros_args)
+    except ValueError as error:
+        raise _UsageError(str(error)) from error
+    diagnosis = diagnose(seen)
+    sys.stdout.write((as_json if args.json else as_table)(diagnosis) + "\n")
+    return OK if diagnosis.healthy else FAILED
+
+
+def _add_doctor(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    sub = commands.add_parser(
+        "doctor",
+        help="say why a running graph brings no cloud",
+        description="Look at the running nodes, cameras to cloud, and name what is wrong and what to do about it.",
+        epilog="Exit code: 0 clouds come, 1 a problem was found (the last line names the most likely cause), 2 wrong "
+        "usage. ROS_DOMAIN_ID and the like are taken from the environment.",
+    )
+    sub.add_argument("--namespace", metavar="NS", help="of the nodes; default: where they are found")
+    sub.add_argument(
+        "--seconds", type=float, default=10.0, metavar="N", help="watch so long at most (default %(default)s)"
+    )
+    sub.add_argument("--json", action="store_true", help="one JSON object instead of the table")
+    sub.add_argument(
+        "--ros-args", nargs=argparse.REMAINDER, default=[], metavar="...", help="as for the nodes: -r FROM:=TO; last"
+    )
+    sub.set_defaults(run=_doctor)
+
+
 def _add_pair(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     sub = commands.add_parser("pair", help="reconstruct one image pair", description="The whole pipeline on one pair.")
     sub.add_argument("left", help="image of the left camera (the upper or lower one of a vertical rig)")
@@ -187,7 +229,7 @@ def parser() -> argparse.ArgumentParser:
     top = argparse.ArgumentParser(prog="uw_recon", description="Underwater stereo reconstruction.")
     top.add_argument("--version", action="version", version=f"uw_recon {__version__}")
     commands = top.add_subparsers(required=True, metavar="SUBCOMMAND")
-    for add in (_add_pair, _add_disparity, _add_bags, _add_simulate, _add_evaluate):
+    for add in (_add_pair, _add_disparity, _add_bags, _add_simulate, _add_evaluate, _add_doctor):
         add(commands)
     add_survey(commands, _params, _UsageError)
     return top

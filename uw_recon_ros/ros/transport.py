@@ -17,7 +17,7 @@ from pathlib import Path
 import rclpy
 
 _UP_TO_JAZZY, _SINCE_KILTED = "FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"
-_CHOICES = (_UP_TO_JAZZY, _SINCE_KILTED, "FASTDDS_BUILTIN_TRANSPORTS", "ROS_DISCOVERY_SERVER")
+CHOICES = (_UP_TO_JAZZY, _SINCE_KILTED, "FASTDDS_BUILTIN_TRANSPORTS", "ROS_DISCOVERY_SERVER")
 #: Names the profile file here; the other one is not read, or only under protest.
 PROFILE_VARIABLE = _SINCE_KILTED if hasattr(rclpy, "InitContextManager") else _UP_TO_JAZZY
 _SHARED_MEMORY = Path("/dev/shm")
@@ -97,7 +97,7 @@ def prepare(environment: MutableMapping[str, str] | None = None, wanted: int = D
     environment = os.environ if environment is None else environment
     if environment.get("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp") != "rmw_fastrtps_cpp":
         return None
-    if any(environment.get(variable) for variable in _CHOICES):
+    if any(environment.get(variable) for variable in CHOICES):
         return None
     try:
         free = shutil.disk_usage(_SHARED_MEMORY).free

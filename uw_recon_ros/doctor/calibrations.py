@@ -1,0 +1,94 @@
+"""The camera_infos: are they there, do they describe a stereo rig, and this one."""
+
+from __future__ import annotations
+
+from uw_recon_ros.calibration import make_camera
+from uw_recon_ros.doctor.cameras import source
+from uw_recon_ros.doctor.chain import EYES, METRIC_CLOUD, TYPES, UNSCALED_CLOUD
+from uw_recon_ros.doctor.finding import Finding, Level, fail, ok
+from uw_recon_ros.doctor.near_misses import same_elsewhere, says_eye
+from uw_recon_ros.doctor.observation import CameraNumbers, Observation, Topic
+from uw_recon_ros.errors import CalibrationError
+from uw_recon_ros.rectify.stereo_info import has_baseline, stereo_axis
+from uw_recon_ros.types import StereoCalibration
+
+_STAGE = "calibration"
+_CALIBRATE = "calibrate the rig in water (camera_calibration), or set baseline_m and focal_px"
+
+
+def scale_is_unknown(seen: Observation) -> bool:
+    """Whether clouds come, but without metres."""
+    topics = {name: seen.topics.get(name, Topic(name)).arrivals.count for name in (METRIC_CLOUD, UNSCALED_CLOUD)}
+    return topics[UNSCALED_CLOUD] > 0 and not topics[METRIC_CLOUD]
+
+
+def _no_scale(seen: Observation, text: str, advice: str = _CALIBRATE) -> Finding:
+    """No calibration: the reason for a missing metric cloud where unscaled ones come, worth a line elsewhere."""
+    if scale_is_unknown(seen):
+        return fail(_STAGE, f"{text}: the scale is unknown", advice)
+    came = seen.topics.get(METRIC_CLOUD, Topic(METRIC_CLOUD)).arrivals.count
+    return Finding(Level.OK if came else Level.WARN, _STAGE, text, "" if came else advice)
+
+
+def _camera(eye: str, info: CameraNumbers) -> object:
+    try:
+        return make_camera(
+            width=info.width, height=info.height, k=info.k, d=info.d, r=info.r, p=info.p,
+            distortion_model=info.distortion_model,
+        )  # fmt: skip
+    except CalibrationError as error:
+        raise CalibrationError(f"{eye} {error}") from error
+
+
+def _numbers(seen: Observation) -> Finding:
+    """Both infos came: what do they say."""
+    left, right = seen.infos["left"], seen.infos["right"]
+    zero = [seen.topics[f"{eye}/camera_info"].name for eye in EYES if not any(seen.infos[eye].k)]
+    if zero:
+        return _no_scale(seen, f"{' and '.join(zero)}: K is zero (not calibrated)")
+    size = source(seen, "left").arrivals
+    if size.width and (left.width, left.height) != (size.width, size.height):
+        return fail(
+            _STAGE,
+            f"the calibration is for {left.width}x{left.height}, the images are {size.width}x{size.height}",
+            "calibrate at the resolution used, or set the cameras to the calibrated one",
+        )
+    try:
+        calibration = StereoCalibration(_camera("left", left), _camera("right", right))  # type: ignore[arg-type]
+        if not has_baseline(calibration):
+            return _no_scale(
+                seen,
+                "right P has no baseline (P[3] = P[7] = 0): two single calibrations, not a stereo one",
+                "calibrate both cameras together (camera_calibration with two cameras), so that P[3] = -fx B",
+            )
+        axis, baseline = stereo_axis(calibration)
+    except CalibrationError as error:
+        return fail(_STAGE, f"inconsistent calibration: {error}", "calibrate anew, or mend the camera_info files")
+    return ok(_STAGE, f"{axis} rig, baseline {abs(baseline):.3f} m, {left.width}x{left.height}")
+
+
+def _missing(seen: Observation, eyes: list[str]) -> Finding:
+    names = [f"{eye}/camera_info" for eye in eyes]
+    resolved = " and ".join(seen.topics.get(name, Topic(name)).name for name in names)
+    kind = {TYPES[names[0]]}
+    meant = same_elsewhere(names[0], kind, seen.others) or sorted(
+        topic.name for topic in seen.others if topic.types & kind and says_eye(topic.name, eyes[0])
+    )
+    if meant:
+        return _no_scale(
+            seen, f"{resolved}: no publisher; likely meant: {meant[0]}", f"start with -r {names[0]}:={meant[0]}"
+        )
+    return _no_scale(seen, f"{resolved}: no publisher")
+
+
+def check_calibration(seen: Observation) -> list[Finding]:
+    """Look at both eyes' camera_infos."""
+    if seen.parameter("calibration_use", "auto") == "ignore":
+        return [_no_scale(seen, "calibration_use is ignore", "set calibration_use to auto")]
+    topics = {eye: seen.topics.get(f"{eye}/camera_info", Topic(f"{eye}/camera_info")) for eye in EYES}
+    silent = [topics[eye].name for eye in EYES if topics[eye].publishers and eye not in seen.infos]
+    if silent:
+        text = f"{' and '.join(silent)}: a publisher, but no message: rectification waits for it"
+        return [fail(_STAGE, text, "publish it with every image, or stop publishing it")]
+    missing = [eye for eye in EYES if not topics[eye].publishers]
+    return [_missing(seen, missing) if missing else _numbers(seen)]

@@ -1,0 +1,66 @@
+"""The end of the chain: does a cloud come, is there anything in it, does anybody want it."""
+
+from __future__ import annotations
+
+from uw_recon_ros.doctor.calibrations import scale_is_unknown
+from uw_recon_ros.doctor.chain import CLOUD, METRIC_CLOUD, TYPES, UNSCALED_CLOUD
+from uw_recon_ros.doctor.finding import Finding, fail, ok, warn
+from uw_recon_ros.doctor.observation import Observation, Topic
+
+_STAGE = "cloud"
+_SPARSE = 0.05
+_RESULTS = (METRIC_CLOUD, "points2_filtered", UNSCALED_CLOUD)
+
+
+def _contents(topic: Topic) -> Finding:
+    came = topic.arrivals
+    share = came.valid_share
+    if share == 0:
+        return fail(
+            _STAGE, f"{topic.name}: clouds without a point", "look at disparity/status: it says why, pixel by pixel"
+        )
+    text = f"{topic.name}: {came.rate_hz:.1f} Hz, {came.width}x{came.height} in frame '{came.frame_id}'"
+    if share is not None:
+        text += f", {share:.0%} of the pixels have a point"
+    if share is not None and share < _SPARSE:
+        advice = "look at disparity/status; widen min_disparity and max_disparity, or come closer: the water is murky"
+        return warn(_STAGE, text, advice)
+    if not came.frame_id:
+        return warn(_STAGE, f"{text}: RViz shows no cloud without a frame", "set the camera driver's frame_id")
+    return ok(_STAGE, text)
+
+
+def check_clouds(seen: Observation) -> list[Finding]:
+    """Look at what comes out at the end."""
+    metric, unscaled = (seen.topics.get(name, Topic(name)) for name in (METRIC_CLOUD, UNSCALED_CLOUD))
+    if metric.arrivals.count:
+        return [_contents(metric)]
+    if scale_is_unknown(seen):
+        text = f"no {metric.name}: the scale is unknown; {unscaled.name} comes instead"
+        rate = f" ({unscaled.arrivals.rate_hz:.1f} Hz)"
+        return [
+            fail(_STAGE, text + rate, "give the rig a scale: a calibration, or baseline_m and focal_px", symptom=True)
+        ]
+    return [fail(_STAGE, f"no cloud in {seen.seconds:.1f} s", symptom=True)]
+
+
+def check_listeners(seen: Observation) -> list[Finding]:
+    """See who wants the clouds, and who waits for them under another name."""
+    topics = [seen.topics.get(name, Topic(name)) for name in _RESULTS]
+    listeners = {end.node for topic in topics for end in topic.subscribers}
+    astray = [
+        f"{', '.join(sorted({end.node for end in topic.subscribers}))} on {topic.name}"
+        for topic in seen.others
+        if not topic.publishers and topic.name.rsplit("/", 1)[-1] in TYPES | {"surface": ""}
+        and any(end.type == CLOUD for end in topic.subscribers)
+    ]  # fmt: skip
+    found = []
+    if astray:
+        text = f"waiting where nobody publishes: {'; '.join(astray)} (ours is {topics[0].name})"
+        found.append(warn("listeners", text, "remap, or start both in one name space"))
+    if listeners:
+        found.append(ok("listeners", f"{', '.join(sorted(listeners))} listen to the clouds"))
+    else:
+        text = "nobody but this doctor listens to the clouds: the nodes rest until somebody does"
+        found.append(warn("listeners", text, f"subscribe, e.g. RViz to {topics[0].name}"))
+    return found

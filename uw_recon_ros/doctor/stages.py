@@ -1,0 +1,187 @@
+"""The nodes: running, alone, active, content, and sending something."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from uw_recon_ros.doctor.chain import METRIC_CLOUD, NODES, PIPELINE, STAGES, UNSCALED_CLOUD, Stage
+from uw_recon_ros.doctor.finding import Finding, Level, fail, ok, warn
+from uw_recon_ros.doctor.observation import GraphNode, Observation, Status, Topic
+
+_OK, _WARN, _ERROR = 0, 1, 2
+#: Standing problems that only say that nothing usable comes in: what keeps it from coming is found upstream.
+_WAITING = ("silent", "unpaired")
+#: The graph's way to keep up, no fault.
+_HARMLESS = frozenset({"dropped: superseded by newer", "dropped: no partner within tolerance"})
+_WARM_UP = ("disparity_node", PIPELINE)
+_MOVES = {"unconfigured": ("configure", "activate"), "inactive": ("activate",)}
+
+
+def _worst(node: GraphNode, *, content: bool) -> Status | None:
+    """The last status; where nothing comes out, the worst one: refusals of a slow stream show every few seconds."""
+    if content or not node.statuses:
+        return node.statuses[-1] if node.statuses else None
+    return max(reversed(node.statuses), key=lambda status: status.level)
+
+
+def _lifecycle(stage: Stage, node: GraphNode) -> Iterator[Finding]:
+    if node.lifecycle is None or node.lifecycle == "active":
+        return
+    if not node.lifecycle:
+        yield fail(
+            stage.label, f"{node.name} does not say in which state it is: it hangs", "look at its log, restart it"
+        )
+        return
+    moves = _MOVES.get(node.lifecycle)
+    advice = (
+        "; ".join(f"ros2 lifecycle set {node.name} {move}" for move in moves) + ", or start it with autostart:=true"
+        if moves
+        else "look at its log, restart it"
+    )
+    yield fail(stage.label, f"{node.name} is {node.lifecycle}: a managed node works only when active", advice)
+
+
+def _status(stage: Stage, node: GraphNode, status: Status) -> Iterator[Finding]:
+    """What the node itself complains of."""
+    drops = {k.removeprefix("dropped: "): v for k, v in status.values.items() if k.startswith("dropped: ")}
+    if status.level >= _ERROR:
+        kinds = [f"{reason} x{number}" for reason, number in drops.items() if f"dropped: {reason}" not in _HARMLESS]
+        counted = f" ({', '.join(kinds)})" if kinds else ""
+        yield fail(stage.label, f"{node.name} refuses every frame: {status.message}{counted}", _remedy(status.message))
+    elif status.level == _WARN:
+        waiting = any(key in status.values for key in _WAITING)
+        yield warn(
+            stage.label, f"{node.name}: {status.message}", "" if waiting else _remedy(status.message), symptom=waiting
+        )
+
+
+def _remedy(message: str) -> str:
+    """What to do about a frame's refusal."""
+    for words, advice in (
+        ("exchanged eyes", "exchange the topics of left and right, or the calibrations"),
+        (
+            "tie points: expected",
+            "see left/image_enhanced: haze, darkness or no overlap? Calibrated rigs need no tie points",
+        ),
+        ("no parallax", "see that the two topics are not of one camera"),
+        ("flat scene", "wait for a scene with depth, or calibrate the rig"),
+        ("the calibration does not fit", "calibrate in water: a calibration made in air does not hold there"),
+        ("target_rate", "a faster effort (navigation), smaller images, or a lower target_rate_hz"),
+    ):
+        if words in message:
+            return advice
+    return "the message says what was expected and what came"
+
+
+#: What a stage's node says of its last frame, beside the rate.
+_FACTS = {
+    "rectify": ("row_error_median_px",),
+    "disparity": ("density", "disparities"),
+    "point cloud": ("work [s]", "latency [s]"),
+}
+
+
+def _works(stage: Stage, topic: Topic, status: Status | None) -> Finding:
+    facts = status.values if status else {}
+    said = [f"{name} {facts[name]}" for name in _FACTS.get(stage.label, ()) if name in facts]
+    makers = ", ".join(end.node for end in topic.publishers) or "a node that has gone"
+    text = f"{topic.name}: {topic.arrivals.rate_hz:.1f} Hz from {makers}"
+    return ok(stage.label, ", ".join([text, *said]))
+
+
+def _nothing(stage: Stage, node: GraphNode, status: Status | None, seen: Observation) -> Finding:
+    """The node is up and content, and yet nothing comes."""
+    taken = [float(v) for k, v in (status.values if status else {}).items() if k == "in groups [Hz]"]
+    if taken and max(taken) > 0:
+        advice = "look again with --seconds 90: the first start compiles"
+        if stage.node not in _WARM_UP and node.name.rsplit("/", 1)[-1] not in _WARM_UP:
+            advice = "look again with --seconds 30"
+        text = f"{node.name} has taken pairs, but sent nothing in {seen.seconds:.1f} s: still busy with the first"
+        return fail(stage.label, text, f"{advice}; a faster effort: navigation")
+    return fail(stage.label, f"{node.name} sends no {seen.topics[stage.output].name}", symptom=True)
+
+
+def _sends(stage: Stage, seen: Observation) -> bool:
+    names = (METRIC_CLOUD, UNSCALED_CLOUD) if stage.output == METRIC_CLOUD else (stage.output,)
+    return any(seen.topics[name].arrivals.count for name in names if name in seen.topics)
+
+
+def _absent(stage: Stage, seen: Observation) -> Finding:
+    text = f"no {stage.node} (nor {PIPELINE}), and nobody publishes {seen.topics[stage.output].name}"
+    other = [name for name in seen.elsewhere if name.rsplit("/", 1)[-1] in (stage.node, PIPELINE)]
+    if other:
+        space = other[0].rsplit("/", 1)[0] or "/"
+        return fail(stage.label, f"{text}; there is {', '.join(other)}", f"uw_recon doctor --namespace {space}")
+    return fail(
+        stage.label, text, f"ros2 run uw_recon_ros {stage.node}, or ros2 launch uw_recon_ros uw_recon.launch.py"
+    )
+
+
+def _stage(stage: Stage, seen: Observation) -> Iterator[Finding]:
+    node = seen.nodes.get(stage.node) or seen.nodes.get(PIPELINE)
+    topic = seen.topics.get(stage.output, Topic(stage.output))
+    if len(topic.publishers) > 1:
+        names = ", ".join(end.node for end in topic.publishers)
+        yield warn(stage.label, f"{topic.name} has {len(topic.publishers)} publishers ({names})", "stop all but one")
+    if node is None:
+        if not topic.publishers:
+            yield _absent(stage, seen)
+        elif topic.arrivals.count:
+            yield _works(stage, topic, None)
+        else:
+            yield fail(stage.label, f"{topic.publishers[0].node} sends no {topic.name}", symptom=True)
+        return
+    yield from _of_node(stage, node, topic, seen)
+
+
+def _of_node(stage: Stage, node: GraphNode, topic: Topic, seen: Observation) -> Iterator[Finding]:
+    alone = node.name.rsplit("/", 1)[-1] != PIPELINE  # whose complaints may be of any stage
+    complaining = stage if alone else replace(stage, label="pipeline")
+    hindrances = list(_hindrances(complaining, node))
+    yield from hindrances
+    if any(finding.level == Level.FAIL for finding in hindrances):
+        return
+    sends = _sends(stage, seen)
+    status = _worst(node, content=sends)
+    complaints = list(_status(complaining, node, status)) if status else []
+    yield from complaints
+    if sends:
+        if topic.arrivals.count:
+            yield _works(stage, topic, status)
+    elif all(complaint.symptom for complaint in complaints):
+        yield _nothing(stage, node, status, seen)
+
+
+def _hindrances(stage: Stage, node: GraphNode) -> Iterator[Finding]:
+    """What keeps a node from working at all, or from being told from another."""
+    if node.copies > 1:
+        yield warn(stage.label, f"{node.copies} nodes are called {node.name}", "stop all but one")
+    if not node.answers and node.lifecycle is None and not node.statuses:
+        yield fail(
+            stage.label, f"{node.name} does not answer: it hangs, or has just ended", "look at its log, restart it"
+        )
+    yield from _lifecycle(stage, node)
+
+
+def replaced(seen: Observation) -> int:
+    """How many stages, from the first, others than our nodes stand in for."""
+    foreign = [
+        place
+        for place, stage in enumerate(STAGES, 1)
+        if (ends := seen.topics.get(stage.output, Topic(stage.output)).publishers)
+        and not any(end.node.rsplit("/", 1)[-1] in NODES for end in ends)
+    ]
+    return max(foreign, default=0)
+
+
+def check_stages(seen: Observation) -> list[Finding]:
+    """Look at every stage that counts, in order; what pipeline_node says is said once."""
+    found: list[Finding] = []
+    said: set[str] = set()
+    for stage in STAGES[max(replaced(seen) - 1, 0) :]:
+        for finding in _stage(stage, seen):
+            if finding.text not in said:
+                said.add(finding.text)
+                found.append(finding)
+    return found

@@ -1,0 +1,49 @@
+"""Machine and middleware: is anything seen at all, is there room for images."""
+
+from __future__ import annotations
+
+from uw_recon_ros.doctor.finding import Finding, fail, ok, warn
+from uw_recon_ros.doctor.observation import Observation, Surroundings
+
+_MIB = 1 << 20
+#: Eight processes with the smallest segment of use, see `ros.transport`.
+_SHM_NEEDED = 32 * _MIB
+
+
+def _settings(around: Surroundings) -> str:
+    said = f"ROS_DOMAIN_ID {around.domain}, {around.rmw}"
+    return said + (f", discovery range {around.discovery_range}" if around.discovery_range else "")
+
+
+def check_discovery(seen: Observation) -> list[Finding]:
+    """See whether any other node is there."""
+    around = seen.surroundings
+    if around.nodes_seen > 0:
+        elsewhere = f"; also {', '.join(seen.elsewhere)} (see them with --namespace)" if seen.elsewhere else ""
+        return [ok("discovery", f"{around.nodes_seen} other nodes ({_settings(around)}){elsewhere}")]
+    advice = "start the graph; else compare ROS_DOMAIN_ID and RMW_IMPLEMENTATION on both sides"
+    if around.discovery_range == "LOCALHOST":
+        advice += "; ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST sees this machine only"
+    elif around.discovery_range == "OFF":
+        advice = "unset ROS_AUTOMATIC_DISCOVERY_RANGE: OFF sees nothing"
+    else:
+        advice += ", and whether the network carries multicast (Docker: --net=host --ipc=host)"
+    return [fail("discovery", f"no other node is seen ({_settings(around)})", advice)]
+
+
+def check_transport(seen: Observation) -> list[Finding]:
+    """See whether shared memory has room for images."""
+    around = seen.surroundings
+    if around.rmw != "rmw_fastrtps_cpp":
+        return []
+    if around.profile:
+        return [ok("transport", f"a Fast DDS profile is set: {around.profile}")]
+    if around.shm_free_bytes is None:
+        return []
+    free = f"{around.shm_free_bytes // _MIB} MiB free in /dev/shm"
+    if around.shm_free_bytes < _SHM_NEEDED:
+        advice = (
+            "Docker: --shm-size=512m or --ipc=host; else remove what crashed processes left (ls /dev/shm/fastrtps_*)"
+        )
+        return [warn("transport", f"{free}: large images go in 64 KB pieces, slow or lost", advice)]
+    return [ok("transport", free)]

@@ -1,0 +1,100 @@
+"""Joining a graph for some seconds, for `doctor`."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections import Counter
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import rclpy
+from rclpy.context import Context
+from rclpy.exceptions import NameValidationException
+from rclpy.executors import SingleThreadedExecutor
+
+from uw_recon_ros.doctor.chain import PIPELINE, STAGES
+from uw_recon_ros.doctor.observation import Observation, Surroundings
+from uw_recon_ros.ros import transport
+from uw_recon_ros.ros.probe import Probe
+
+_DISCOVERY_S = 2.0
+
+
+def surroundings() -> Surroundings:
+    """Describe machine and middleware; call before ``transport.prepare``, which sets a profile itself."""
+    chosen = [os.environ[name] for name in transport.CHOICES if os.environ.get(name)]
+    local = os.environ.get("ROS_LOCALHOST_ONLY") == "1"
+    try:
+        free = shutil.disk_usage("/dev/shm").free
+    except OSError:
+        free = None
+    return Surroundings(
+        domain=os.environ.get("ROS_DOMAIN_ID") or "0",
+        discovery_range="LOCALHOST" if local else os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", ""),
+        rmw=rclpy.utilities.get_rmw_implementation_identifier(),
+        profile=chosen[0] if chosen else "",
+        shm_free_bytes=free,
+    )
+
+
+def _busiest(nodes: Sequence[tuple[str, str]]) -> str:
+    """The name space with most of our stages."""
+    stages: Counter[str] = Counter()
+    for name, space in nodes:
+        stages[space] += len(STAGES) if name == PIPELINE else 1
+    return max(sorted(stages), key=stages.__getitem__, default="/")
+
+
+def observe(namespace: str | None, seconds: float, ros_args: Sequence[str] = ()) -> Observation:
+    """Join the graph and watch it.
+
+    Parameters
+    ----------
+    namespace : str or None
+        Of the graph; None: where most of our nodes are.
+    seconds : float
+        How long at most; less where all is well.
+    ros_args : sequence of str
+        As after ``--ros-args``: remaps, ``__ns``.
+
+    Returns
+    -------
+    Observation
+
+    Raises
+    ------
+    ValueError
+        A name space or ROS argument is none.
+    """
+    around = surroundings()
+    transport.prepare()
+    context = Context()
+    try:
+        rclpy.init(args=[], context=context)
+        options: dict[str, Any] = {"context": context, "cli_args": ["--ros-args", *ros_args] if ros_args else None}
+        probe = Probe(around, namespace=namespace or "", **options)
+    except (RuntimeError, ValueError, NameValidationException) as error:
+        rclpy.try_shutdown(context=context)
+        raise ValueError(" ".join(str(error).split())) from error
+    executor = SingleThreadedExecutor(context=context)
+    try:
+        if namespace is None and probe.get_namespace() == "/":
+            _spin(executor, probe, lambda: bool(probe.our_nodes()) or probe.seconds > _DISCOVERY_S)
+            space = _busiest(probe.our_nodes())
+            if space != "/":
+                probe.destroy_node()
+                probe = Probe(around, namespace=space, **options)
+        _spin(executor, probe, lambda: probe.satisfied or probe.seconds >= seconds)
+        return probe.observation()
+    finally:
+        executor.shutdown()
+        probe.destroy_node()
+        rclpy.try_shutdown(context=context)
+
+
+def _spin(executor: SingleThreadedExecutor, probe: Probe, until: Callable[[], bool]) -> None:
+    executor.add_node(probe)
+    while not until():
+        executor.spin_once(timeout_sec=0.1)
+    executor.remove_node(probe)
