@@ -335,11 +335,22 @@ def test_what_a_working_node_warns_of() -> None:
     )
 
 
-def test_a_node_that_compiles() -> None:
-    busy = Status(0, "idle", {"in groups [Hz]": "2.00"})
-    seen = with_node(without_clouds(healthy(), since=2), "disparity_node", statuses=(busy,))
-    assert "has taken pairs, but sent nothing in 5.0 s" in cause(seen)
-    assert "the first start compiles" in cause(seen)
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"in groups [Hz]": "2.00", "warm_up": "done"}, "has taken pairs, but sent nothing in 5.0 s"),
+        ({"in groups [Hz]": "2.00", "warm_up": "running"}, "/disparity_node is still compiling its kernels"),
+    ],
+)
+def test_a_node_that_is_busy(values: dict[str, str], words: str) -> None:
+    seen = without_clouds(healthy(), since=2)
+    assert words in cause(with_node(seen, "disparity_node", statuses=(Status(0, "idle", values),)))
+
+
+def test_a_transition_that_failed() -> None:
+    failed = Status(2, "x", {"transition": "configure failed: no room"})
+    seen = with_node(without_clouds(healthy(), since=1), "rectify_node", lifecycle="unconfigured", statuses=(failed,))
+    assert "/rectify_node is unconfigured: configure failed: no room" in cause(seen)
 
 
 def test_a_node_that_hangs() -> None:

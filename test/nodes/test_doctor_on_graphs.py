@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import signal
 import subprocess
 import sys
 import tempfile
@@ -218,34 +217,18 @@ def test_exchanged_eyes(bench: Bench, rig: Rig, examine: Any) -> None:
     assert "exchange the topics" in line
 
 
-MANAGED = """
-import rclpy
-from rclpy.lifecycle import LifecycleNode
-rclpy.init()
-try:
-    rclpy.spin(LifecycleNode("rectify_node"))
-except (KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
-    rclpy.try_shutdown()
-"""
-
-
 def test_an_inactive_node(bench: Bench, rig: Rig, examine: Any) -> None:
-    """Any managed node of that name, asked over its own services."""
     rig.start()
     bench.start(PreprocessNode)
-    managed = subprocess.Popen([sys.executable, "-c", MANAGED], start_new_session=True)
+    bench.start(RectifyNode, autostart=False)
     client = bench.outsider.create_client(ChangeState, "rectify_node/change_state")
-    try:
-        bench.spin_until(client.service_is_ready, "the managed node")
-        assert "/rectify_node is unconfigured" in cause(examine("unconfigured"))
-        request = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_CONFIGURE))
-        answer = client.call_async(request)
-        bench.spin_until(answer.done)
-        line = cause(examine("inactive"))
-    finally:
-        managed.send_signal(signal.SIGINT)
-        managed.wait(30)
-    assert "/rectify_node is inactive: a managed node works only when active -> ros2 lifecycle set /rectify_n" in line
+    bench.spin_until(client.service_is_ready, "the managed node")
+    line = cause(examine("unconfigured"))
+    assert "/rectify_node is unconfigured: a managed node works only when active -> ros2 lifecycle set /rect" in line
+    answer = client.call_async(ChangeState.Request(transition=Transition(id=Transition.TRANSITION_CONFIGURE)))
+    bench.spin_until(answer.done)
+    line = cause(examine("inactive"))
+    assert "-> ros2 lifecycle set /rectify_node activate" in line
 
 
 def test_a_node_that_is_missing(bench: Bench, rig: Rig, examine: Any) -> None:

@@ -14,7 +14,7 @@ from lifecycle_msgs.msg import Transition, TransitionEvent
 from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
-from ros_bench import Bench, array, color, texture
+from ros_bench import LIMIT_S, Bench, array, color, texture
 from sensor_msgs.msg import Image
 
 from uw_recon_ros.nodes.preprocess_node import CAMERAS, OUTPUTS, PreprocessNode
@@ -364,3 +364,11 @@ def test_many_rounds_leave_nothing_behind(bench: Bench) -> None:
         assert manager.change(DEACTIVATE, CLEANUP, CONFIGURE, ACTIVATE)
     bench.spin_until(lambda: node.inputs.active and held() == before)
     bench.spin_until(lambda: threading.active_count() == threads)
+
+
+def test_a_destroyed_node_is_gone_from_the_graph(bench: Bench) -> None:
+    node = RectifyNode(context=bench.context)
+    bench.spin_until(lambda: "rectify_node" in bench.outsider.get_node_names())
+    assert node.stop(LIMIT_S)
+    node.destroy_node()
+    bench.spin_until(lambda: "rectify_node" not in bench.outsider.get_node_names(), "the node to leave")

@@ -13,8 +13,8 @@ _OK, _WARN, _ERROR = 0, 1, 2
 #: Standing problems that only say that nothing usable comes in: what keeps it from coming is found upstream.
 _WAITING = ("silent", "unpaired")
 #: The graph's way to keep up, no fault.
-_HARMLESS = frozenset({"dropped: superseded by newer", "dropped: no partner within tolerance"})
-_WARM_UP = ("disparity_node", PIPELINE)
+_HARMLESS = frozenset({"superseded by newer", "no partner within tolerance", "deactivated meanwhile"})
+_LOOK = "look at its log, restart it"
 _MOVES = {"unconfigured": ("configure", "activate"), "inactive": ("activate",)}
 
 
@@ -29,24 +29,19 @@ def _lifecycle(stage: Stage, node: GraphNode) -> Iterator[Finding]:
     if node.lifecycle is None or node.lifecycle == "active":
         return
     if not node.lifecycle:
-        yield fail(
-            stage.label, f"{node.name} does not say in which state it is: it hangs", "look at its log, restart it"
-        )
+        yield fail(stage.label, f"{node.name} does not say in which state it is: it hangs", _LOOK)
         return
-    moves = _MOVES.get(node.lifecycle)
-    advice = (
-        "; ".join(f"ros2 lifecycle set {node.name} {move}" for move in moves) + ", or start it with autostart:=true"
-        if moves
-        else "look at its log, restart it"
-    )
-    yield fail(stage.label, f"{node.name} is {node.lifecycle}: a managed node works only when active", advice)
+    trouble = node.statuses[-1].values.get("transition", "") if node.statuses else ""
+    text = f"{node.name} is {node.lifecycle}: " + (trouble or "a managed node works only when active")
+    moves = "; ".join(f"ros2 lifecycle set {node.name} {move}" for move in _MOVES.get(node.lifecycle, ()))
+    yield fail(stage.label, text, f"{moves}, or start it with autostart true" if moves else _LOOK)
 
 
 def _status(stage: Stage, node: GraphNode, status: Status) -> Iterator[Finding]:
     """What the node itself complains of."""
     drops = {k.removeprefix("dropped: "): v for k, v in status.values.items() if k.startswith("dropped: ")}
     if status.level >= _ERROR:
-        kinds = [f"{reason} x{number}" for reason, number in drops.items() if f"dropped: {reason}" not in _HARMLESS]
+        kinds = [f"{reason} x{number}" for reason, number in drops.items() if reason not in _HARMLESS]
         counted = f" ({', '.join(kinds)})" if kinds else ""
         yield fail(stage.label, f"{node.name} refuses every frame: {status.message}{counted}", _remedy(status.message))
     elif status.level == _WARN:
@@ -92,13 +87,13 @@ def _works(stage: Stage, topic: Topic, status: Status | None) -> Finding:
 
 def _nothing(stage: Stage, node: GraphNode, status: Status | None, seen: Observation) -> Finding:
     """The node is up and content, and yet nothing comes."""
-    taken = [float(v) for k, v in (status.values if status else {}).items() if k == "in groups [Hz]"]
-    if taken and max(taken) > 0:
-        advice = "look again with --seconds 90: the first start compiles"
-        if stage.node not in _WARM_UP and node.name.rsplit("/", 1)[-1] not in _WARM_UP:
-            advice = "look again with --seconds 30"
+    values = status.values if status else {}
+    if values.get("warm_up") == "running":
+        text = f"{node.name} is still compiling its kernels, as after every installation"
+        return fail(stage.label, text, "wait some minutes; look again with --seconds 300")
+    if float(values.get("in groups [Hz]", 0)) > 0:
         text = f"{node.name} has taken pairs, but sent nothing in {seen.seconds:.1f} s: still busy with the first"
-        return fail(stage.label, text, f"{advice}; a faster effort: navigation")
+        return fail(stage.label, text, "look again with --seconds 60; choose a faster effort (navigation)")
     return fail(stage.label, f"{node.name} sends no {seen.topics[stage.output].name}", symptom=True)
 
 
@@ -158,9 +153,7 @@ def _hindrances(stage: Stage, node: GraphNode) -> Iterator[Finding]:
     if node.copies > 1:
         yield warn(stage.label, f"{node.copies} nodes are called {node.name}", "stop all but one")
     if not node.answers and node.lifecycle is None and not node.statuses:
-        yield fail(
-            stage.label, f"{node.name} does not answer: it hangs, or has just ended", "look at its log, restart it"
-        )
+        yield fail(stage.label, f"{node.name} does not answer: it hangs, or has just ended", _LOOK)
     yield from _lifecycle(stage, node)
 
 

@@ -43,6 +43,11 @@ class ManagedNode(LifecycleNode):  # type: ignore[misc]
         """Label of the current state, e.g. ``active``."""
         return str(self._state_machine.current_state[1])
 
+    def destroy_node(self) -> None:
+        """Leave the graph: rclpy forgets the state machine, which would keep node and services visible."""
+        super().destroy_node()
+        self._state_machine.destroy_when_not_in_use()
+
     def configure(self) -> None:
         """Make everything that is needed to be active."""
 
