@@ -185,14 +185,6 @@ def test_odd_shapes(effort: str, shape: tuple[int, int], color: bool) -> None:
     assert result.disparity.shape == result.sigma.shape == result.status.shape == shape
 
 
-@pytest.mark.parametrize("effort", EFFORTS)
-def test_empty_wall_is_no_trap(effort: str) -> None:
-    flat = np.full((60, 90), 77, np.uint8)
-    result = graph_cut(flat, flat, 0, 20, effort=effort)
-    assert np.nanmin(result.disparity) >= -0.5
-    assert np.nanmax(result.disparity) <= 20.5
-
-
 def test_range_wider_than_the_images() -> None:
     left, right, truth = step_pair()
     result = graph_cut(left, right, -200, 200)

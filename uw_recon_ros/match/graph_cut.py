@@ -21,9 +21,10 @@ from uw_recon_ros.match.slanted.proposals import FIT, NEAR, OWN, POINTS, SHAKEN
 from uw_recon_ros.match.slanted.refine import Pass, disparity_of, refine
 from uw_recon_ros.match.slanted.semiglobal import Start, semiglobal_start
 from uw_recon_ros.match.slanted.support import edge_weights, inverse_size, measure_arms
+from uw_recon_ros.match.slanted.texture import untextured
 from uw_recon_ros.match.slanted.visible import check, contest, drop_islands, fill_background
 from uw_recon_ros.match.slanted.workers import bands, share
-from uw_recon_ros.types import ByteImage, FloatImage
+from uw_recon_ros.types import ByteImage, FloatImage, Mask, Status
 
 VOXEL_BYTES, MOST_BYTES = 5, 1.0e9  #: of the start's cost volume, and what it may take before images are made smaller
 SMOOTHNESS, BEND = 1.0, 2.0  #: energy of a step of 1 px between like neighbours; where it is cut, px
@@ -113,11 +114,14 @@ def graph_cut(
     limits = (min_disparity, max_disparity)
     start = _start(eyes, limits, threads)
     status = _compare(start.disparity, start.right, limits, threads)
+    blank = untextured(eyes[0].pixels, eyes[1].pixels)
     schedule = SCHEDULES[effort]
     if not schedule.passes:
+        _leave_out(blank, status)
         return _result(start.disparity, eyes, status, float("nan"), effort, threads)
-    disparity, costs, units = _planes(*eyes, start.disparity, status == 0, limits, schedule, seed, threads)
+    disparity, costs, units = _planes(*eyes, start.disparity, status == 0, blank, limits, schedule, seed, threads)
     share(lambda b: contest(disparity, costs, *b, status), bands(status.shape[0], threads), threads)
+    _leave_out(blank, status)
     drop_islands(disparity, status)
     return _result(disparity, eyes, status, units / schedule.units, effort, threads)
 
@@ -182,11 +186,17 @@ def _compare(disparity: FloatImage, right: FloatImage, limits: tuple[int, int], 
     return status
 
 
+def _leave_out(blank: Mask, status: ByteImage) -> None:
+    """Nothing is known of what has no texture, but that it would lie outside the other view."""
+    status[blank & (status != Status.OUTSIDE)] = Status.LOW_TEXTURE
+
+
 def _planes(
     eye: _Eye,
     other: _Eye,
     seen: FloatImage,
-    usable: NDArray[np.bool_],
+    usable: Mask,
+    blank: Mask,
     limits: tuple[int, int],
     schedule: Schedule,
     seed: int,
@@ -203,7 +213,7 @@ def _planes(
         np.float32(BEND),
         np.float32(schedule.units),
     )
-    refine(schedule.passes, schedule.least_gain, seed, first, usable, view, state, threads)
+    refine(schedule.passes, schedule.least_gain, seed, first, usable, blank, view, state, threads)
     data, smooth = energy(state)
     return disparity_of(state.planes), state.costs, data + smooth
 

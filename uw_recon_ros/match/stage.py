@@ -15,8 +15,9 @@ from uw_recon_ros.match.graph_cut import graph_cut
 from uw_recon_ros.match.kz2 import kz2
 from uw_recon_ros.match.methods import EFFORTS, METHODS
 from uw_recon_ros.match.status import explain
+from uw_recon_ros.match.window import paste, window_to_match
 from uw_recon_ros.params import Params, param
-from uw_recon_ros.types import ByteImage, DisparityMap, FloatImage, Mask, RectifiedPair, Status
+from uw_recon_ros.types import ByteImage, DisparityMap, FloatImage, RectifiedPair, Status
 
 #: Standard deviation of a whole-pixel graph cut's disparity, px: rounding (0.29) and the stairs it makes of slanted
 #: surfaces; 0.37 to 0.56 on six scenes (``test/benchmark/reconstruct_defaults.py sigma --kz2``).
@@ -71,11 +72,11 @@ class MatchParams(Params):
 
 @dataclass(frozen=True, eq=False)
 class _Solution:
-    """What either method finds, rows matching: NaN = no match, and whether the reason is that the eyes disagree."""
+    """What either method finds, rows matching: NaN = no match, and the reason where the method knows it, else 0."""
 
     disparity: FloatImage
     sigma: FloatImage
-    inconsistent: Mask
+    reason: ByteImage
     energy: float
 
 
@@ -109,19 +110,26 @@ class Match:
         Raises
         ------
         EstimationError
-            No limits are given, and the images do not show them.
+            No limits are given, and the images do not show them; or the views' valid windows share no rows.
         """
         vertical = pair.geometry.axis == "vertical"
-        left, right = (_along_rows(image, vertical) for image in (pair.left_matching, pair.right_matching))
+        window = window_to_match(pair)
+        shape = pair.left_matching.shape[:2]
+        left, right = (_along_rows(i[window.slices], vertical) for i in (pair.left_matching, pair.right_matching))
         low, high = self._limits(left, right)
         result = self._solve(left, right, low, high)
-        disparity, sigma = _as_seen(result.disparity, vertical), _as_seen(result.sigma, vertical)
+        nan = np.float32(np.nan)
+        disparity, sigma = (
+            paste(_as_seen(found, vertical), window, shape, nan) for found in (result.disparity, result.sigma)
+        )
+        reason = paste(_as_seen(result.reason, vertical), window, shape, np.uint8(0))
         status = explain(disparity, low, high, pair)
-        status[_as_seen(result.inconsistent, vertical) & (status == Status.OCCLUDED)] = Status.INCONSISTENT
+        known = (status == Status.OCCLUDED) & (reason != 0)
+        status[known] = reason[known]
         valid = status == 0
         return DisparityMap(
-            disparity=np.where(valid, disparity, np.float32(np.nan)),
-            sigma=np.where(valid, sigma, np.float32(np.nan)),
+            disparity=np.where(valid, disparity, nan),
+            sigma=np.where(valid, sigma, nan),
             status=status,
             min_disparity=low,
             max_disparity=high,
@@ -150,8 +158,7 @@ class Match:
     def _graph_cut(self, left: ByteImage, right: ByteImage, low: int, high: int, threads: int) -> _Solution:
         params = self.params
         result = graph_cut(left, right, low, high, effort=params.effort, seed=params.match_seed, threads=threads)
-        inconsistent = (result.status & Status.INCONSISTENT) > 0
-        return _Solution(result.disparity, result.sigma, inconsistent, result.energy)
+        return _Solution(result.disparity, result.sigma, result.status, result.energy)
 
     def _kz2(self, left: ByteImage, right: ByteImage, low: int, high: int, threads: int) -> _Solution:
         params = self.params
@@ -167,7 +174,7 @@ class Match:
             threads=threads,
         )
         sigma = np.full(result.disparity.shape, WHOLE_PIXEL_SIGMA, np.float32)
-        return _Solution(result.disparity, sigma, np.zeros(sigma.shape, np.bool_), float(result.energy))
+        return _Solution(result.disparity, sigma, np.zeros(sigma.shape, np.uint8), float(result.energy))
 
 
 def _processors() -> int:

@@ -28,7 +28,7 @@ def gray_pair(left: ByteImage, right: ByteImage) -> tuple[Gray, Gray, float]:
     left, right : (H, W, C) uint8
         C = 1 or 3.
     """
-    ratio = noise_to_contrast(_mixed(left, 0))
+    ratio = noise_to_contrast(mixed(left, 0))
     noise = float(np.clip((ratio - CLEAN) / (NOISY - CLEAN), 0, 1))
     return _quantised(left, noise), _quantised(right, noise), ratio
 
@@ -50,7 +50,7 @@ def local_contrast(gray: FloatImage | Gray) -> float:
     return float(np.median(np.sqrt(np.maximum(cv2.blur(values * values, window) - mean * mean, 0))))
 
 
-def _mixed(image: ByteImage, evenness: float) -> FloatImage:
+def mixed(image: ByteImage, evenness: float) -> FloatImage:
     """One channel: luminance, or with `evenness` 1 the mean of all."""
     if image.shape[2] == 1:
         return np.asarray(image[..., 0], np.float32)
@@ -59,7 +59,7 @@ def _mixed(image: ByteImage, evenness: float) -> FloatImage:
 
 
 def _quantised(image: ByteImage, noise: float) -> Gray:
-    gray = _mixed(image, noise)
+    gray = mixed(image, noise)
     if noise * SMOOTHING > 0.1:
         gray = np.asarray(cv2.GaussianBlur(gray, (0, 0), noise * SMOOTHING), np.float32)
     return np.asarray(np.round(gray * LEVELS), np.int16)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -104,6 +105,7 @@ def refine(
     seed: int,
     disparity: FloatImage,
     usable: Mask,
+    blank: Mask,
     view: View,
     state: Labelling,
     threads: int,
@@ -118,6 +120,8 @@ def refine(
     seed : int
     disparity : (H, W) float32
         Map that planes are fitted to, px; `usable` (H, W) bool says where.
+    blank : (H, W) bool
+        Nothing is cut in tiles that lie within it altogether: what they show is left out of the result.
     view : View
     state : Labelling
     threads : int
@@ -127,6 +131,8 @@ def refine(
     memory = [(make_desk(side), make_grid(side)) for _ in range(threads)]
     for number, one in enumerate(passes):
         for group in tile_groups(height, width, number * CELL // 2 % CELL):
+            if one.cut:
+                group = group[_textured(group, blank)]
 
             def work(worker: int, group: NDArray[np.int64] = group, one: Pass = one, number: int = number) -> None:
                 desk, grid = memory[worker]
@@ -137,6 +143,16 @@ def refine(
                 )
 
             share(work, range(threads), threads)
+
+
+def _textured(tiles: NDArray[np.int64], blank: Mask) -> NDArray[np.bool_]:
+    """Whether any pixel that a move in the tile could change is not blank."""
+    height, width = blank.shape
+    count = cv2.integral(blank.view(np.uint8))
+    top, left = np.maximum(tiles[:, [0, 2]] - MARGIN, 0).T
+    bottom, right = np.minimum(tiles[:, 1] + MARGIN, height), np.minimum(tiles[:, 3] + MARGIN, width)
+    inside = count[bottom, right] - count[top, right] - count[bottom, left] + count[top, left]
+    return np.asarray(inside < (bottom - top) * (right - left))
 
 
 def disparity_of(planes: FloatImage) -> FloatImage:
