@@ -14,6 +14,7 @@ from uw_recon_ros.images import write_bytes
 from uw_recon_ros.types import CameraModel, Matrix, StereoCalibration
 
 _DISTORTION_COUNTS = {"plumb_bob": (4, 5), "rational_polynomial": (8, 12, 14), "equidistant": (4,)}
+_LARGEST = 1e9  # px, or px m: what a number of K or P may be
 _MATRICES = {"camera_matrix": (3, 3), "rectification_matrix": (3, 3), "projection_matrix": (3, 4)}
 
 
@@ -21,10 +22,18 @@ def _matrix(name: str, values: Any, shape: tuple[int, int]) -> Matrix:
     try:
         matrix = np.asarray(values, np.float64).ravel()
     except (TypeError, ValueError) as error:
-        raise CalibrationError(f"{name}: expected {shape[0] * shape[1]} numbers, got {values!r}") from error
-    if matrix.size != shape[0] * shape[1] or not np.isfinite(matrix).all():
-        raise CalibrationError(f"{name}: expected {shape[0] * shape[1]} finite numbers, got {matrix.tolist()}")
+        raise CalibrationError(f"{name}: expected {shape[0] * shape[1]} numbers, got {_short(values)}") from error
+    if matrix.size != shape[0] * shape[1] or not (np.abs(matrix) <= _LARGEST).all():  # NaN compares as false
+        raise CalibrationError(
+            f"{name}: expected {shape[0] * shape[1]} finite numbers up to {_LARGEST:g}, got {_short(matrix.tolist())}"
+        )
     return matrix.reshape(shape)
+
+
+def _short(value: Any) -> str:
+    """In one line of bounded length: an outsider chose it."""
+    text = ascii(value[:20] if isinstance(value, (str, list, tuple)) else type(value).__name__)
+    return text if len(text) <= 400 else f"{text[:400]}..."
 
 
 def make_camera(
@@ -52,6 +61,8 @@ def make_camera(
         raise CalibrationError(
             f"K: expected focal lengths > 0, got fx = {intrinsic[0, 0]:g}, fy = {intrinsic[1, 1]:g} (not calibrated)"
         )
+    if intrinsic[1, 0] != 0 or intrinsic[2].tolist() != [0, 0, 1]:
+        raise CalibrationError(f"K: expected [fx s cx; 0 fy cy; 0 0 1], got {intrinsic.ravel().tolist()}")
     if width <= 0 or height <= 0:
         raise CalibrationError(f"image size: expected > 0 px, got {width}x{height}")
     rotation, projection = _matrix("R", r, (3, 3)), _matrix("P", p, (3, 4))
@@ -70,15 +81,20 @@ def make_camera(
 
 
 def _distortion(values: Any, model: str) -> Matrix:
-    coefficients = np.asarray(values, np.float64).ravel()
+    try:
+        coefficients = np.asarray(values, np.float64).ravel()
+    except (TypeError, ValueError) as error:
+        raise CalibrationError(f"D: expected numbers, got {_short(values)}") from error
     if not coefficients.size or not coefficients.any():
         return np.zeros(_DISTORTION_COUNTS.get(model, (5,))[-1])
     if model not in _DISTORTION_COUNTS:
-        raise CalibrationError(f"distortion_model: expected one of {', '.join(_DISTORTION_COUNTS)}, got {model!r}")
+        raise CalibrationError(
+            f"distortion_model: expected one of {', '.join(_DISTORTION_COUNTS)}, got {_short(model)}"
+        )
     if coefficients.size not in _DISTORTION_COUNTS[model] or not np.isfinite(coefficients).all():
         raise CalibrationError(
             f"D: expected {' or '.join(map(str, _DISTORTION_COUNTS[model]))} finite numbers for {model}, "
-            f"got {coefficients.tolist()}"
+            f"got {coefficients.size}: {_short(coefficients.tolist())}"
         )
     return coefficients
 

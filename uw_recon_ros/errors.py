@@ -9,6 +9,10 @@ class ReconError(Exception):
     """Base of all errors that the data, not the caller, caused."""
 
 
+class MessageError(ReconError):
+    """A message's header makes no sense: its stamp, or the name of its frame."""
+
+
 class ImageError(ReconError):
     """An image or image message cannot be read: size, step, encoding, truncated data."""
 

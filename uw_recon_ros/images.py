@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros.errors import ImageError
+from uw_recon_ros.image_header import declared_size
 from uw_recon_ros.types import RawImage
 
 _MAX_SIDE = 65_536
@@ -132,6 +133,11 @@ def decode_image(
 def decode_compressed(data: Any) -> RawImage:
     """Decode the bytes of a ``sensor_msgs/CompressedImage`` or an image file (JPEG, PNG, TIFF ...).
 
+    Parameters
+    ----------
+    data : bytes-like
+        Of an image of at most `image_header.LARGEST_PIXELS`.
+
     Returns
     -------
     (H, W) or (H, W, 3) uint8 or uint16
@@ -144,12 +150,13 @@ def decode_compressed(data: Any) -> RawImage:
     encoded = np.frombuffer(memoryview(data).cast("B"), np.uint8)
     if not encoded.size:
         raise ImageError("compressed image: expected JPEG or PNG data, got 0 bytes")
+    width, height = declared_size(encoded.data)
     try:
         image = cv2.imdecode(encoded, cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
-        raise ImageError(f"compressed image: {encoded.size} bytes refused by the decoder: {error.err}") from error
+        raise ImageError(f"compressed image: {encoded.size} bytes refused by the decoder") from error
     if image is None:
-        raise ImageError(f"compressed image: expected JPEG or PNG data, got {encoded.size} bytes of something else")
+        raise ImageError(f"compressed image: {width}x{height} px declared, {encoded.size} bytes damaged or cut short")
     if image.dtype not in (np.uint8, np.uint16):
         raise ImageError(f"compressed image: expected 8 or 16 bits a channel, got {image.dtype}")
     if image.ndim == 2:

@@ -18,7 +18,7 @@ def _check_camera(eye: str, camera: CameraModel) -> None:
         raise CalibrationError(f"{eye} R: expected a rotation, got {r.tolist()}")
     if camera.distortion_model not in _MODELS:
         raise CalibrationError(
-            f"{eye} distortion_model: expected {', '.join(_MODELS)}, got {camera.distortion_model!r}"
+            f"{eye} distortion_model: expected {', '.join(_MODELS)}, got {camera.distortion_model[:40]!a}"
         )
     if abs(camera.p[0, 1]) > 1e-6 * camera.p[0, 0] or camera.p[2].tolist() != [0, 0, 1, 0]:
         raise CalibrationError(f"{eye} P: expected [fx 0 cx Tx; 0 fy cy Ty; 0 0 1 0], got {camera.p.tolist()}")

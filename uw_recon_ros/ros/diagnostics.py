@@ -42,6 +42,7 @@ DEACTIVATED = "deactivated meanwhile"
 _NO_FAULT = (SUPERSEDED, NO_PARTNER, DEACTIVATED)
 _WINDOW_TICKS = 10
 _RECENT = 50
+_MOST_KEYS = 256  # of lines kept apart by a throttle: a stream of ever new reasons must not fill the memory
 
 
 class Throttle:
@@ -73,7 +74,13 @@ class Throttle:
             if self._silent or now - self._last.get(key, -self._period) < self._period:
                 self._held[key] += 1
                 return
-            held, self._last[key] = self._held.pop(key, 0), now
+            held = self._held.pop(key, 0)
+            self._last.pop(key, None)
+            self._last[key] = now
+            if len(self._last) > _MOST_KEYS:
+                oldest = next(iter(self._last))
+                self._held.pop(oldest, None)
+                del self._last[oldest]
             self._log(f"{text} ({held} more like it)" if held else text)
 
     def silence(self) -> None:

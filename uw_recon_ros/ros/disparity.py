@@ -28,6 +28,7 @@ from uw_recon_ros.ros.messages import (
 from uw_recon_ros.types import ByteImage, DisparityMap, FloatImage, Status, StereoGeometry
 
 _INTEGER_STEP, _SUBPIXEL_STEP = 1.0, 1.0 / 16.0
+_LARGEST_PX = 65_536.0
 
 
 def disparity_message(disparity: DisparityMap, *, adjusted: bool = False) -> DisparityImage:
@@ -90,6 +91,7 @@ def disparity_from_message(
     ImageError
         Naming what is wrong with which of the three.
     """
+    _check_fields(message)
     received = float_image_from_message(message.image)
     low, high = message.min_disparity, message.max_disparity
     offset = np.float32(geometry.offset_px if adjusted else 0.0)
@@ -106,6 +108,23 @@ def disparity_from_message(
         stamp_ns=stamp_ns(message),
         frame_id=message.header.frame_id,
     )
+
+
+def _check_fields(message: DisparityImage) -> None:
+    """Refuse what no matcher means: a NaN is an unknown baseline in `t`, and nothing elsewhere."""
+    if not math.isfinite(message.f) or math.isinf(message.t):
+        raise ImageError(f"disparity: expected finite f and T, got f = {message.f:g}, T = {message.t:g}")
+    low, high = message.min_disparity, message.max_disparity
+    if any(math.isnan(limit) or _LARGEST_PX < abs(limit) < math.inf for limit in (low, high)):
+        raise ImageError(
+            f"disparity: expected min_disparity and max_disparity within {_LARGEST_PX:g} px, got {low:g} and {high:g}"
+        )
+    window, image = message.valid_window, message.image
+    if window.x_offset + window.width > image.width or window.y_offset + window.height > image.height:
+        raise ImageError(
+            f"disparity: expected a valid_window within {image.width}x{image.height} px, got "
+            f"{window.width}x{window.height} at ({window.x_offset}, {window.y_offset})"
+        )
 
 
 def _limit(value: float) -> float:
@@ -128,6 +147,8 @@ def _status(message: Image | None, valid: NDArray[np.bool_]) -> ByteImage:
     if message is not None:
         reasons = image_from_message(message)
         _check_shape("disparity/status", reasons.shape, valid.shape)
+        if reasons.dtype != np.uint8:
+            raise ImageError(f"disparity/status: expected 8 bits a pixel, got {reasons.dtype}")
     unexplained = np.where(reasons == 0, np.uint8(Status.OUT_OF_RANGE), reasons)
     return np.where(valid, np.uint8(Status.VALID), unexplained).astype(np.uint8)
 

@@ -22,6 +22,7 @@ from uw_recon_ros.errors import CalibrationError
 from uw_recon_ros.types import Axis, Matrix, StereoGeometry, Window
 
 _ALIKE = 1e-3  # relative difference of focal lengths that counts as equal
+_LARGEST_PX, _LARGEST_M = 1e7, 1e6  # what a focal length, a principal point, a baseline may be
 _SAME_ROW_PX = 0.5  # difference of the principal points across the baseline that counts as equal
 
 
@@ -82,6 +83,13 @@ def geometry_from_infos(left: CameraInfo, right: CameraInfo) -> StereoGeometry:
     CalibrationError
         The two are not a rectified pair; the text names the numbers.
     """
+    if (left.width, left.height) != (right.width, right.height):
+        raise CalibrationError(
+            f"rectified camera_info: expected both views of one size, got {left.width}x{left.height} and "
+            f"{right.width}x{right.height}"
+        )
+    for info in (left, right):
+        window_from_info(info)
     p_left, p_right = _projection("left", left), _projection("right", right)
     _check_alike(p_left, p_right)
     axis, shift = _axis_and_shift(p_left, p_right)
@@ -110,9 +118,12 @@ def geometry_from_infos(left: CameraInfo, right: CameraInfo) -> StereoGeometry:
 
 def _projection(eye: str, info: CameraInfo) -> Matrix:
     p: Matrix = np.asarray(info.p, np.float64).reshape(3, 4)
-    if not (np.isfinite(p[:, :3]).all() and p[0, 0] > 0 and p[1, 1] > 0):
+    upright = p[0, 1] == 0 and p[1, 0] == 0 and p[2].tolist() == [0, 0, 1, 0]
+    sound = upright and bool((np.abs(p[:2, :3]) <= _LARGEST_PX).all())  # NaN compares as false
+    if not (sound and p[0, 0] > 0 and p[1, 1] > 0):
         raise CalibrationError(
-            f"rectified {eye} camera_info: expected P with focal lengths > 0, got P = {p.ravel().tolist()}"
+            f"rectified {eye} camera_info: expected P with focal lengths > 0, [fx 0 cx Tx; 0 fy cy Ty; 0 0 1 0], "
+            f"got P = {p.ravel().tolist()}"
         )
     return p
 
@@ -131,7 +142,7 @@ def _axis_and_shift(left: Matrix, right: Matrix) -> tuple[Axis, float]:
         axis, shift, other = "vertical", y, x
     else:
         axis, shift, other = "horizontal", x, y
-    if not math.isnan(shift) and (math.isinf(shift) or abs(other) > _ALIKE * abs(shift)):
+    if not math.isnan(shift) and (abs(shift) > _LARGEST_M * left[0, 0] or abs(other) > _ALIKE * abs(shift)):
         raise CalibrationError(
             f"rectified camera_info: expected a horizontal or a vertical baseline, got P[3] = {x:g}, P[7] = {y:g}"
         )
@@ -142,7 +153,9 @@ def _rotation(info: CameraInfo) -> tuple[tuple[float, ...], ...]:
     r = np.asarray(info.r, np.float64).reshape(3, 3)
     if not r.any():  # a field left alone
         r = np.eye(3)
-    if not np.isfinite(r).all() or np.abs(r @ r.T - np.eye(3)).max() > _ALIKE:
+    with np.errstate(over="ignore", invalid="ignore"):
+        rotates = bool(np.abs(r @ r.T - np.eye(3)).max() <= _ALIKE and np.linalg.det(r) > 0)  # NaN compares as false
+    if not rotates:
         raise CalibrationError(f"rectified left camera_info: expected a rotation in R, got {r.ravel().tolist()}")
     return tuple(tuple(float(x) for x in row) for row in r)
 
@@ -155,9 +168,22 @@ def mark_window(info: CameraInfo, window: Window | None) -> None:
 
 
 def window_from_info(info: CameraInfo) -> Window | None:
-    """Read what `mark_window` wrote."""
+    """Read what `mark_window` wrote.
+
+    Raises
+    ------
+    CalibrationError
+        The window leaves the image.
+    """
     roi = info.roi
-    return Window(roi.x_offset, roi.y_offset, roi.width, roi.height) if roi.width and roi.height else None
+    if not (roi.width and roi.height):
+        return None
+    if roi.x_offset + roi.width > info.width or roi.y_offset + roi.height > info.height:
+        raise CalibrationError(
+            f"rectified camera_info: expected a roi within {info.width}x{info.height} px, got {roi.width}x{roi.height} "
+            f"at ({roi.x_offset}, {roi.y_offset})"
+        )
+    return Window(roi.x_offset, roi.y_offset, roi.width, roi.height)
 
 
 def check_size(info: CameraInfo, shape: tuple[int, ...]) -> None:

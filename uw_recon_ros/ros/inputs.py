@@ -9,9 +9,10 @@ from typing import Any
 
 from rclpy.node import Node
 
+from uw_recon_ros.errors import MessageError
 from uw_recon_ros.ros.assembly import Assembler, Group
 from uw_recon_ros.ros.diagnostics import Diagnostics
-from uw_recon_ros.ros.messages import stamp_ns
+from uw_recon_ros.ros.messages import received_stamp_ns
 from uw_recon_ros.ros.qos import ReliableFirst
 from uw_recon_ros.ros.stalls import in_one_line, why_silent, why_unpaired
 from uw_recon_ros.ros.topics import Input, Source
@@ -150,12 +151,20 @@ class Inputs:
         if line is None or line.source != source:  # still in the queue of a subscription just given up
             return
         self._diagnostics.count(f"in {source.topic}")
-        stamp = stamp_ns(message)
+        try:
+            stamp = received_stamp_ns(message)
+        except MessageError as error:
+            self._refuse(source.topic, error)
+            return
         line.received(stamp)
         if wanted.role == "latest":
             self.assembler.set_latest(wanted.name, message)
         else:
             self.assembler.push(wanted.name, stamp, message, _size(message))
+
+    def _refuse(self, topic: str, error: MessageError) -> None:
+        self._diagnostics.drop(type(error).__name__, f"{topic}: {error}")
+        self._warn(f"refused {topic}", f"message refused: {topic}: {error}")
 
     def _deliver(self, group: Group) -> None:
         self._last_group = time.monotonic()

@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
 
-from uw_recon_ros.errors import ImageError
+from uw_recon_ros.errors import ImageError, MessageError
 from uw_recon_ros.images import decode_compressed, decode_image
 from uw_recon_ros.types import ByteImage, FloatImage, RawImage
 
 _BILLION = 1_000_000_000
+_LONGEST_FRAME_ID = 255
 _NATIVE_BIG = sys.byteorder == "big"
 
 
@@ -24,6 +25,27 @@ def stamp_ns(message: Any) -> int:
     """Header stamp of a message, ns."""
     stamp = message.header.stamp
     return int(stamp.sec) * _BILLION + int(stamp.nanosec)
+
+
+def received_stamp_ns(message: Any) -> int:
+    """Header stamp of a message that came from elsewhere, ns.
+
+    Raises
+    ------
+    MessageError
+        The stamp is no time, or the frame's name no name: neither may travel on.
+    """
+    stamp, frame_id = message.header.stamp, message.header.frame_id
+    if stamp.sec < 0 or stamp.nanosec >= _BILLION:
+        raise MessageError(
+            f"stamp: expected sec >= 0 and nanosec < {_BILLION}, got sec {stamp.sec}, nanosec {stamp.nanosec}"
+        )
+    if len(frame_id) > _LONGEST_FRAME_ID or not frame_id.isprintable():
+        raise MessageError(
+            f"frame_id: expected at most {_LONGEST_FRAME_ID} printable characters, got {len(frame_id)}: "
+            f"{frame_id[:40]!a}"
+        )
+    return stamp_ns(message)
 
 
 def time_message(nanoseconds: int) -> Time:

@@ -166,6 +166,8 @@ class NodeParameters:
         return Parameter(parameter.name, Parameter.Type.DOUBLE, float(parameter.value))
 
     def _on_set(self, parameters: list[Parameter]) -> SetParametersResult:
+        if not all(p.name for p in parameters):  # rclpy takes an empty name for a declared one
+            return SetParametersResult(successful=False, reason="parameter: expected a declared name, got an empty one")
         changes = {p.name: p.value for p in parameters if p.name in self._specs}
         if not changes:
             return SetParametersResult(successful=True)
