@@ -84,8 +84,8 @@ class Graph:
     `said` holds, by a node's full name, the values of its last diagnostics; ``level`` and ``message`` among them.
     """
 
-    def __init__(self, bench: Bench, logs: Path) -> None:
-        self.bench, self._logs = bench, logs
+    def __init__(self, bench: Bench, logs: Path, **environment: str) -> None:
+        self.bench, self._logs, self._environment = bench, logs, environment
         self.started: list[Executable] = []
         self.said: defaultdict[str, dict[str, Any]] = defaultdict(dict)
         bench.outsider.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 100)
@@ -95,9 +95,9 @@ class Graph:
             values = {pair.key: pair.value for pair in status.values}
             self.said[status.name] = {**values, "level": status.level, "message": status.message}
 
-    def start(self, name: str, *arguments: Any, **environment: str) -> Executable:
+    def start(self, name: str, *arguments: Any) -> Executable:
         log = self._logs / f"{len(self.started)}_{name}.log"
-        self.started.append(Executable(name, tuple(map(str, arguments)), log, environment))
+        self.started.append(Executable(name, tuple(map(str, arguments)), log, self._environment))
         return self.started[-1]
 
     def spin_until(self, condition: Any, what: str = "") -> None:

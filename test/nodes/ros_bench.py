@@ -55,11 +55,11 @@ transport.prepare()
 
 
 class Bench:
-    """One context, one executor: the node under test and an outsider, spun by the test."""
+    """One context, one executor: the node under test and an outsider, spun by the test; on another domain if asked."""
 
-    def __init__(self) -> None:
+    def __init__(self, domain: int | None = None) -> None:
         self.context = Context()
-        rclpy.init(context=self.context, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(context=self.context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.outsider = Node("outsider", context=self.context)
         self.executor.add_node(self.outsider)

@@ -16,6 +16,8 @@ from pathlib import Path
 
 import rclpy
 
+from uw_recon_ros.ros.orphans import remove_orphans
+
 _UP_TO_JAZZY, _SINCE_KILTED = "FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"
 CHOICES = (_UP_TO_JAZZY, _SINCE_KILTED, "FASTDDS_BUILTIN_TRANSPORTS", "ROS_DISCOVERY_SERVER")
 #: Names the profile file here; the other one is not read, or only under protest.
@@ -80,7 +82,7 @@ def fitting_segment(free: int, wanted: int = DEFAULT_SEGMENT) -> int:
 def prepare(environment: MutableMapping[str, str] | None = None, wanted: int = DEFAULT_SEGMENT) -> str | None:
     """Name a profile with a large segment in the environment, unless the user has chosen otherwise.
 
-    Call before ``rclpy.init``.
+    Call before ``rclpy.init``. Room that killed processes left taken is freed first.
 
     Parameters
     ----------
@@ -97,6 +99,7 @@ def prepare(environment: MutableMapping[str, str] | None = None, wanted: int = D
     environment = os.environ if environment is None else environment
     if environment.get("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp") != "rmw_fastrtps_cpp":
         return None
+    remove_orphans(_SHARED_MEMORY)
     if any(environment.get(variable) for variable in CHOICES):
         return None
     try:
