@@ -15,7 +15,7 @@ from uw_recon_ros.errors import ImageError
 
 #: Most pixels an encoded image may have: 8192 x 8192. A mono image then takes 64 MiB, 16-bit RGBA 512 MiB.
 LARGEST_PIXELS = 2**26
-_FORMATS = "JPEG, PNG, TIFF, BMP, WebP, JPEG 2000 or PNM data"
+_FORMATS = "JPEG or PNG data (or TIFF, BMP, WebP, JPEG 2000, PNM)"
 _PNM = re.compile(rb"P[1-6](?:\s+(?:#[^\n]*\n\s*)*)(\d{1,10})(?:\s+(?:#[^\n]*\n\s*)*)(\d{1,10})\s")
 
 Size = tuple[int, int]
