@@ -79,7 +79,7 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            *(f"{node} = {NAME}.nodes.{node}:main" for node in NODES),
+            *(f"{node} = {NAME}.executables:{node}" for node in NODES),
             f"uw_recon = {NAME}.cli:main",
         ]
     },

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from uw_recon_ros import executables
 from uw_recon_ros.catalogue import ALL_PARAMS
 from uw_recon_ros.params import read_parameter_file
 from uw_recon_ros.pipeline import PipelineParams, read_values
@@ -18,7 +19,7 @@ from uw_recon_ros.pipeline import PipelineParams, read_values
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "uw_recon_ros"
 NOUNS = {"", "types", "params", "errors", "images", "image_header", "calibration", "pairing", "jit", "progress"}
-NOUNS |= {"evaluate"}
+NOUNS |= {"evaluate", "signals"}
 STAGE_ROOMS = {"preprocess", "rectify", "match", "reconstruct"}
 NODE_PARAMS = {"node_params", "catalogue"}
 OFFLINE = NOUNS | STAGE_ROOMS | NODE_PARAMS | {"pipeline"}
@@ -36,6 +37,7 @@ MAY_IMPORT = {
     "ros": NOUNS | STAGE_ROOMS | NODE_PARAMS | {"ros", "doctor"},
     "nodes": OFFLINE | {"ros", "nodes", "bags"},
     "survey": OFFLINE | {"survey", "bags", "report"},
+    "executables": {"", "signals"},
     "cli": OFFLINE | {"pair", "bags", "simulate", "report", "survey", "doctor", "ros"},
 }
 ROS_PACKAGES = re.compile(r"rclpy|rcl_interfaces|builtin_interfaces|ament_index_python|\w+_msgs|std_srvs|launch(_ros)?")
@@ -95,8 +97,9 @@ def console_scripts() -> dict[str, str]:
 
 
 def test_entry_points_exist() -> None:
-    for module in console_scripts().values():
+    for name, module in console_scripts().items():
         assert callable(importlib.import_module(module).main)
+        assert name == "uw_recon" or callable(getattr(executables, name))
 
 
 def test_every_node_has_an_entry_point() -> None:

@@ -7,10 +7,9 @@ import signal
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from process_watch import mapped_segments
-from ros_bench import banded_pair, color, texture
+from ros_bench import banded_pair
 from sensor_msgs.msg import CompressedImage, Image
 
 from uw_recon_ros.bags.writer import BagWriter
@@ -71,32 +70,6 @@ def test_a_file_for_all_nodes_and_a_misspelt_name(graph: Any, tmp_path: Path) ->
     graph.ready("preprocess_node")
     graph.spin_until(lambda: "homomorfic_cutoff" in node.output)
     assert "lock_frames" not in node.output
-
-
-@pytest.mark.parametrize(
-    ("name", "number"), [*((name, signal.SIGINT) for name in STAGE_NODES), ("disparity_node", signal.SIGTERM)]
-)
-def test_an_idle_node_ends_well(graph: Any, name: str, number: int) -> None:
-    node = graph.start(name)
-    graph.ready(name)
-    node.signal(number)
-    assert node.wait() == 0
-    assert lines(node) == []
-
-
-def test_a_busy_node_ends_well(graph: Any) -> None:
-    node = graph.start("preprocess_node")
-    graph.bench.listen(Image, "left/image_enhanced")
-    eyes = [graph.bench.talk(Image, f"{eye}/image_raw") for eye in ("left", "right")]
-    graph.spin_until(lambda: all(eye.get_subscription_count() for eye in eyes))
-    large = np.tile(texture(400, 500), (10, 10, 1))
-    for eye in eyes:
-        eye.publish(color(large, SECOND))
-    graph.bench.spin_for(1.0)
-    node.signal(signal.SIGINT)
-    node.signal(signal.SIGINT)  # impatience does no harm
-    assert node.wait() == 0
-    assert "Traceback" not in node.output
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["SIGINT", "SIGTERM"])

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from lifecycle_manager import ACTIVATE, CLEANUP, CONFIGURE, DEACTIVATE, SHUTDOWN, WAY_TO, Manager
 from lifecycle_msgs.msg import Transition, TransitionEvent
-from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
-from rcl_interfaces.srv import SetParameters
+from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions
 from rclpy.parameter import Parameter
 from ros_bench import LIMIT_S, Bench, array, color, texture
 from sensor_msgs.msg import Image
@@ -30,49 +30,10 @@ from uw_recon_ros.types import StereoPair
 
 SECOND = 1_000_000_000
 LEFT, RIGHT = texture(48, 64, 1), texture(48, 64, 2)
-CONFIGURE, CLEANUP = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_CLEANUP
-ACTIVATE, DEACTIVATE = Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_DEACTIVATE
-SHUTDOWN = {
-    "unconfigured": Transition.TRANSITION_UNCONFIGURED_SHUTDOWN,
-    "inactive": Transition.TRANSITION_INACTIVE_SHUTDOWN,
-    "active": Transition.TRANSITION_ACTIVE_SHUTDOWN,
-}
-WAY_TO = {"unconfigured": (), "inactive": (CONFIGURE,), "active": (CONFIGURE, ACTIVATE)}
 
 
-class Manager:
-    """Drives a node as Nav2's lifecycle manager does: by its services."""
-
-    def __init__(self, bench: Bench, name: str) -> None:
-        self._bench = bench
-        self._clients = {
-            kind: bench.outsider.create_client(kind, f"/{name}/{service}")
-            for kind, service in (
-                (ChangeState, "change_state"), (GetState, "get_state"), (SetParameters, "set_parameters"),
-                (GetAvailableTransitions, "get_available_transitions"),
-            )
-        }  # fmt: skip
-
-    def call(self, request: Any, kind: Any) -> Any:
-        client = self._clients[kind]
-        self._bench.spin_until(client.service_is_ready, kind.__name__)
-        future = client.call_async(request)
-        self._bench.spin_until(future.done, kind.__name__)
-        return future.result()
-
-    def change(self, *transitions: int) -> bool:
-        """Whether all of them succeeded."""
-        return all(
-            self.call(ChangeState.Request(transition=Transition(id=each)), ChangeState).success for each in transitions
-        )
-
-    @property
-    def state(self) -> str:
-        return str(self.call(GetState.Request(), GetState).current_state.label)
-
-    def set(self, **values: Any) -> Any:
-        parameters = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
-        return self.call(SetParameters.Request(parameters=parameters), SetParameters).results[0]
+def manage(bench: Bench, name: str) -> Manager:
+    return Manager(bench.outsider, name, bench.spin_until)
 
 
 class Cameras:
@@ -141,7 +102,7 @@ def publishers(bench: Bench, topic: str) -> int:
 
 def test_each_transition_and_what_it_brings(bench: Bench) -> None:
     node = bench.start(PreprocessNode, autostart=False)
-    manager, cameras = Manager(bench, "preprocess_node"), Cameras(bench)
+    manager, cameras = manage(bench, "preprocess_node"), Cameras(bench)
     heard = bench.listen(Image, "left/image_enhanced")
     told = bench.listen(DiagnosticArray, "/diagnostics")
     events = bench.listen(TransitionEvent, "/preprocess_node/transition_event")
@@ -175,7 +136,7 @@ def test_each_transition_and_what_it_brings(bench: Bench) -> None:
 
 def test_by_default_a_node_starts_itself(bench: Bench) -> None:
     bench.start(PreprocessNode)
-    manager = Manager(bench, "preprocess_node")
+    manager = manage(bench, "preprocess_node")
     assert manager.state == "active"
     ways = manager.call(GetAvailableTransitions.Request(), GetAvailableTransitions).available_transitions
     assert {way.transition.label for way in ways} == {"deactivate", "shutdown"}
@@ -191,7 +152,7 @@ def test_by_default_a_node_starts_itself(bench: Bench) -> None:
 )
 def test_a_wrong_order_is_refused_and_harms_nothing(bench: Bench, state: str, wrong: tuple[int, ...]) -> None:
     bench.start(PreprocessNode, autostart=False)
-    manager = Manager(bench, "preprocess_node")
+    manager = manage(bench, "preprocess_node")
     assert manager.change(*WAY_TO[state])
     assert [manager.change(each) for each in wrong] == [False] * len(wrong)
     label = ChangeState.Request(transition=Transition(label="no_such_way"))
@@ -202,7 +163,7 @@ def test_a_wrong_order_is_refused_and_harms_nothing(bench: Bench, state: str, wr
 @pytest.mark.parametrize("state", sorted(WAY_TO))
 def test_shutdown_from_every_state(bench: Bench, state: str) -> None:
     bench.start(PreprocessNode, autostart=False)
-    manager, cameras = Manager(bench, "preprocess_node"), Cameras(bench)
+    manager, cameras = manage(bench, "preprocess_node"), Cameras(bench)
     bench.listen(Image, "left/image_enhanced")
     assert manager.change(*WAY_TO[state])
     if state == "active":
@@ -216,7 +177,7 @@ def test_shutdown_from_every_state(bench: Bench, state: str) -> None:
 
 def test_work_resumes_after_a_pause(bench: Bench) -> None:
     bench.start(PreprocessNode)
-    manager, cameras = Manager(bench, "preprocess_node"), Cameras(bench)
+    manager, cameras = manage(bench, "preprocess_node"), Cameras(bench)
     heard = bench.listen(Image, "left/image_enhanced")
     for round_ in (1, 2, 3):
         cameras.connect()
@@ -231,7 +192,7 @@ def test_work_resumes_after_a_pause(bench: Bench) -> None:
 
 def test_what_is_under_way_is_not_sent_after_deactivation(bench: Bench, gate: GateNode) -> None:
     """Not even when the node is active again by the time it is finished; what waited behind it is dropped."""
-    manager, cameras = Manager(bench, "gate_node"), Cameras(bench)
+    manager, cameras = manage(bench, "gate_node"), Cameras(bench)
     heard = bench.listen(Image, "left/image_enhanced")
     cameras.connect()
     cameras.send(SECOND)
@@ -252,7 +213,7 @@ def test_what_is_under_way_is_not_sent_after_deactivation(bench: Bench, gate: Ga
 
 def test_nothing_blocks_while_the_thread_works(bench: Bench, gate: GateNode) -> None:
     """Parameters and transitions are answered while a frame is worked on; a cleaned-up node can be configured anew."""
-    manager, cameras = Manager(bench, "gate_node"), Cameras(bench)
+    manager, cameras = manage(bench, "gate_node"), Cameras(bench)
     heard = bench.listen(Image, "left/image_enhanced")
     cameras.connect()
     cameras.send(SECOND)
@@ -273,7 +234,7 @@ def test_nothing_blocks_while_the_thread_works(bench: Bench, gate: GateNode) -> 
 def test_nothing_blocks_while_the_thread_compiles(bench: Bench, capfd: pytest.CaptureFixture[str]) -> None:
     node = bench.start(GateNode, autostart=False)
     node.warm.clear()
-    manager, cameras = Manager(bench, "gate_node"), Cameras(bench)
+    manager, cameras = manage(bench, "gate_node"), Cameras(bench)
     told = bench.listen(DiagnosticArray, "/diagnostics")
     heard = bench.listen(Image, "left/image_enhanced")
     assert manager.change(CONFIGURE, ACTIVATE)
@@ -299,7 +260,7 @@ def test_nothing_blocks_while_the_thread_compiles(bench: Bench, capfd: pytest.Ca
 
 def test_parameters_in_every_state(bench: Bench) -> None:
     bench.start(PreprocessNode, autostart=False)
-    manager, cameras = Manager(bench, "preprocess_node"), Cameras(bench)
+    manager, cameras = manage(bench, "preprocess_node"), Cameras(bench)
     heard = bench.listen(Image, "left/image_enhanced")
     iterations = 0
     for way in ((), (CONFIGURE,), (ACTIVATE,), (DEACTIVATE,), (CLEANUP,), (CONFIGURE, ACTIVATE)):
@@ -317,7 +278,7 @@ def test_parameters_in_every_state(bench: Bench) -> None:
 
 def test_what_the_stage_alone_refuses_is_refused_unconfigured_too(bench: Bench) -> None:
     bench.start(GateNode, autostart=False)
-    result = Manager(bench, "gate_node").set(gate_width=101)
+    result = manage(bench, "gate_node").set(gate_width=101)
     assert (result.successful, result.reason) == (False, "gate_width: expected at most 100, got 101")
     with pytest.raises(ParameterError, match="gate_width: expected at most 100, got 102"):
         GateNode(context=bench.context, parameter_overrides=[Parameter("gate_width", value=102)])
@@ -325,7 +286,7 @@ def test_what_the_stage_alone_refuses_is_refused_unconfigured_too(bench: Bench) 
 
 def test_cleaning_up_forgets_the_rig(bench: Bench) -> None:
     node = bench.start(RectifyNode)
-    manager, before = Manager(bench, "rectify_node"), node.stage
+    manager, before = manage(bench, "rectify_node"), node.stage
     assert manager.change(DEACTIVATE, ACTIVATE)
     assert node.stage is before
     assert manager.change(DEACTIVATE, CLEANUP, CONFIGURE, ACTIVATE)
@@ -336,7 +297,7 @@ def test_an_error_in_a_transition(bench: Bench, capfd: pytest.CaptureFixture[str
     """The reason is told, what was made is freed, and the node may be configured again."""
     node = bench.start(GateNode, autostart=False)
     node.fail.set()
-    manager = Manager(bench, "gate_node")
+    manager = manage(bench, "gate_node")
     told = bench.listen(DiagnosticArray, "/diagnostics")
     assert not manager.change(CONFIGURE)
     assert manager.state == "unconfigured"
@@ -352,7 +313,7 @@ def test_an_error_in_a_transition(bench: Bench, capfd: pytest.CaptureFixture[str
 
 def test_many_rounds_leave_nothing_behind(bench: Bench) -> None:
     node = bench.start(PreprocessNode)
-    manager = Manager(bench, "preprocess_node")
+    manager = manage(bench, "preprocess_node")
 
     def held() -> tuple[int, ...]:
         return tuple(len(list(each)) for each in (node.publishers, node.subscriptions, node.timers, node.waitables))

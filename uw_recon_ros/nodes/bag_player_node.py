@@ -20,12 +20,13 @@ from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import Trigger
 
+from uw_recon_ros import signals
 from uw_recon_ros.bags.model import RawMessage
 from uw_recon_ros.bags.reader import BagReader, open_bag
 from uw_recon_ros.errors import BagError
 from uw_recon_ros.nodes.replay import Report, advertise_recorded, parse, wait_for_listeners
 from uw_recon_ros.nodes.timeline import Timeline
-from uw_recon_ros.ros.main import DONE, FAILED, USAGE, interrupted, leave, start, until_shutdown
+from uw_recon_ros.ros.main import DONE, FAILED, USAGE, leave, start, until_shutdown
 from uw_recon_ros.ros.messages import time_message
 from uw_recon_ros.ros.parameters import ParameterError
 from uw_recon_ros.ros.qos import profile
@@ -153,7 +154,7 @@ class BagPlayerNode(Node):  # type: ignore[misc]
 
     def _spin(self, timeout_s: float) -> None:
         self._executor.spin_once(timeout_sec=timeout_s)
-        if interrupted() or not self.context.ok():
+        if signals.came() or not self.context.ok():
             raise ExternalShutdownException
 
     def _publish_clock(self) -> None:

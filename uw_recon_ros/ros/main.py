@@ -1,17 +1,18 @@
 """Running a node as a process: start, spin, end, and the exit code.
 
-A signal interrupts nothing: it sets a flag that the main loop looks at. Then everything ends in order: the node shuts
-down, so that nothing is sent any more; it is destroyed; ROS ends; the process leaves, if need be without waiting for a
-thread that is computing. Should anything hold up the main thread, the process leaves all the same.
+A signal interrupts nothing, it is noted (`signals`) for the main loop to see. Then everything ends in order: the node
+shuts down, so that nothing is sent any more; it is destroyed; ROS ends; the process leaves. Where the worker's thread
+is still computing, it leaves without the interpreter's farewell: a thread that comes back from compiled code into an
+interpreter that has ended is unwound by force, and the C library aborts the process if it stood in C++ ("FATAL:
+exception not rethrown").
 """
 
 from __future__ import annotations
 
 import argparse
 import os
-import signal
 import sys
-import threading
+import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any
@@ -21,15 +22,13 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from uw_recon_ros import signals
 from uw_recon_ros.ros import transport
 from uw_recon_ros.ros.node import StageNode
 from uw_recon_ros.ros.parameters import ParameterError
 
 DONE, FAILED, USAGE = 0, 1, 2
 _FOR_THREADS_S = 0.5
-_FOR_EVERYTHING_S = 1.5
-
-_asked = threading.Event()
 
 
 def start(args: Sequence[str] | None) -> None:
@@ -49,24 +48,10 @@ def start(args: Sequence[str] | None) -> None:
         rclpy.logging.get_logger("uw_recon_ros").warning(warning)
 
 
-def interrupted() -> bool:
-    """Whether SIGINT or SIGTERM came."""
-    return _asked.is_set()
-
-
-def _on_signal(*_: Any) -> None:
-    if not _asked.is_set():
-        _asked.set()
-        last_resort = threading.Timer(_FOR_EVERYTHING_S, _leave_now, (DONE,))
-        last_resort.daemon = True
-        last_resort.start()
-
-
 @contextmanager
 def until_shutdown() -> Iterator[None]:
     """Note signals instead of being interrupted by them, for good; let a shutdown from elsewhere end the block."""
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, _on_signal)
+    signals.note(_leave_now)
     with suppress(ExternalShutdownException):
         yield
 
@@ -74,15 +59,16 @@ def until_shutdown() -> Iterator[None]:
 def leave(code: int, *, clean: bool = True) -> int:
     """End ROS; return the exit code, or leave at once where a thread is still computing."""
     rclpy.try_shutdown()
-    if not clean:  # the interpreter would wait for, or trip over, compiled code still running
+    if not clean:
         _leave_now(code)
     return code
 
 
 def _leave_now(code: int) -> None:
     transport.clean_up()
-    sys.stdout.flush()
-    sys.stderr.flush()
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):  # closed, or nobody reads it
+            stream.flush()
     os._exit(code)
 
 
@@ -110,23 +96,30 @@ def run(make: Callable[[], StageNode[Any]], about: str | None, args: Sequence[st
     Returns
     -------
     int
-        Exit code: 0 after SIGINT, SIGTERM or a shutdown; 2 for refused parameters or arguments.
+        Exit code: 0 after SIGINT, SIGTERM or a shutdown; 1 after an error of ours; 2 for refused parameters or
+        arguments.
     """
-    node, clean = None, True
+    signals.note(_leave_now)
+    node: StageNode[Any] | None = None
+    executor: SingleThreadedExecutor | None = None
+    code, clean = DONE, True
     try:
-        with until_shutdown():
-            start(args)
-            command_line(about, args)
-            node = make()
-            executor = SingleThreadedExecutor()
-            executor.add_node(node)
-            while not interrupted() and rclpy.ok():  # the node's timers wake the executor several times a second
+        start(args)
+        command_line(about, args)
+        node, executor = make(), SingleThreadedExecutor()
+        executor.add_node(node)
+        with suppress(ExternalShutdownException):
+            while not signals.came():  # the node's timers wake the executor several times a second
                 executor.spin_once()
     except ParameterError as error:
         print(f"error: {error}", file=sys.stderr)  # noqa: T201
-        return leave(USAGE)
-    finally:
-        if node is not None:
-            clean = node.stop(_FOR_THREADS_S)
-            node.destroy_node()
-    return leave(DONE, clean=clean)
+        code = USAGE
+    except Exception:
+        traceback.print_exc()
+        code = FAILED
+    if executor is not None:
+        executor.shutdown()  # lets go of what it was waiting for
+    if node is not None:
+        clean = node.stop(_FOR_THREADS_S)
+        node.destroy_node()
+    return leave(code, clean=clean)

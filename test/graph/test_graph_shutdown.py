@@ -1,0 +1,161 @@
+"""Every executable ends well, whatever it is doing: exit code 0, no stack trace, no hanging."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_manager import CONFIGURE, SHUTDOWN, Manager
+from ros_bench import color, infos, mono, texture
+from sensor_msgs.msg import CameraInfo, Image
+from stereo_msgs.msg import DisparityImage
+
+from uw_recon_ros.ros.diagnostics import SUPERSEDED
+
+pytestmark = [pytest.mark.graph, pytest.mark.timeout(180)]
+STAGE_NODES = ("preprocess_node", "rectify_node", "disparity_node", "point_cloud_node", "pipeline_node")
+ALL = (*STAGE_NODES, "bag_player_node")
+BAG = Path(__file__).parents[2] / "bags" / "amphora"
+BOTH = pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["SIGINT", "SIGTERM"])
+SECOND = 1_000_000_000
+IMPATIENT_S = 15.0  # two seconds are promised; a machine under test may be busy
+SIGNS_OF_A_CRASH = ("Traceback", "Fatal Python error", "terminate called", "Segmentation fault")
+
+
+def start(graph: Any, name: str, *arguments: Any, code: str = "") -> Any:
+    """Start an executable, or what `code` does in its place."""
+    own = (BAG, "--start-paused") if name == "bag_player_node" else ()
+    instead = (Path(sys.executable).name, "-c", code) if code else (name,)
+    return graph.start(*instead, *own, *arguments)
+
+
+def end(executables: list[Any], number: int) -> None:
+    """Send the signal to all of them, twice; each must end well."""
+    began = time.monotonic()
+    for executable in executables:
+        executable.signal(number)
+    for executable in executables:
+        if executable.running:
+            executable.signal(number)  # impatience does no harm
+    for executable in executables:
+        assert executable.wait() == 0, f"{executable.name}:\n{executable.output}"
+        assert not any(sign in executable.output for sign in SIGNS_OF_A_CRASH), executable.output
+    assert time.monotonic() - began < IMPATIENT_S
+
+
+class Status:
+    """The last diagnostics of every node."""
+
+    def __init__(self, graph: Any) -> None:
+        self._values: dict[str, dict[str, str]] = {}
+        graph.bench.outsider.create_subscription(DiagnosticArray, "/diagnostics", self._take, 50)
+
+    def _take(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            self._values[status.name.lstrip("/")] = {pair.key: pair.value for pair in status.values}
+
+    def busy(self, name: str) -> bool:
+        """Whether frames come faster than they are worked on."""
+        return self.of(name, f"dropped: {SUPERSEDED}") != ""
+
+    def of(self, name: str, key: str) -> str:
+        return self._values.get(name, {}).get(key, "")
+
+
+@BOTH
+def test_idle(graph: Any, number: int) -> None:
+    executables = [start(graph, name) for name in ALL]
+    graph.ready(*ALL)
+    end(executables, number)
+    for executable in executables[:-1]:
+        said = [line for line in executable.output.splitlines() if line and "compil" not in line]
+        assert said == []
+    assert executables[-1].output.startswith("sent 0 messages")
+
+
+class Source:
+    """Large images, sent again and again: raw ones, and rectified ones with their camera infos."""
+
+    def __init__(self, graph: Any) -> None:
+        self._graph = graph
+        kinds = {"image_raw": Image, "image_rect": Image, "camera_info": CameraInfo}
+        topics = ["left/image_raw", "right/image_raw"]
+        topics += [f"rectified/{eye}/{kind}" for kind in ("image_rect", "camera_info") for eye in ("left", "right")]
+        self._senders = {topic: graph.bench.talk(kinds[topic.split("/")[-1]], topic) for topic in topics}
+        self._image = np.tile(texture(400, 500), (4, 4, 1))
+        self._sent = 0
+
+    def connect(self) -> None:
+        self._graph.spin_until(lambda: all(sender.get_subscription_count() for sender in self._senders.values()))
+
+    def send(self) -> None:
+        self._sent += 1
+        stamp, left_right = self._sent * SECOND, infos(self._sent * SECOND)
+        for topic, sender in self._senders.items():
+            if "camera_info" in topic:
+                info = left_right["right" in topic]
+                info.height, info.width = self._image.shape[:2]
+                sender.publish(info)
+            else:
+                sender.publish(color(self._image, stamp) if "raw" in topic else mono(self._image[..., 0], stamp))
+        self._graph.bench.spin_for(0.3)
+
+
+@BOTH
+def test_at_work(graph: Any, number: int) -> None:
+    """Large images come faster than the stages are; the player plays."""
+    status, source = Status(graph), Source(graph)
+    for name in ("preprocess_node", "pipeline_node"):
+        start(graph, name)
+    start(graph, "disparity_node", "--ros-args", "-p", "effort:=quality", "-p", "max_disparity:=128")
+    graph.start("bag_player_node", BAG, "--loop", "--ros-args", "-r", "__ns:=/elsewhere")
+    heard = {topic: graph.bench.listen(Image, topic) for topic in ("elsewhere/left/image_raw", "left/image_enhanced")}
+    graph.bench.listen(DisparityImage, "disparity")
+    source.connect()
+    busy = ("preprocess_node", "pipeline_node", "disparity_node")
+    graph.spin_until(lambda: source.send() or all(map(status.busy, busy)), "work")
+    graph.spin_until(lambda: heard["elsewhere/left/image_raw"], "the player")
+    end(graph.started, number)
+
+
+@BOTH
+def test_compiling(graph: Any, number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With nothing in the cache: tens of seconds of compilation lie ahead."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    status = Status(graph)
+    nodes = [start(graph, name) for name in ("disparity_node", "pipeline_node")]
+    graph.spin_until(lambda: all(status.of(node.name, "warm_up") == "running" for node in nodes), "warm-up")
+    end(nodes, number)
+
+
+def test_in_every_state(graph: Any) -> None:
+    nodes = [start(graph, name, "--ros-args", "-p", "autostart:=false") for name in STAGE_NODES[1:4]]
+    managers = [Manager(graph.bench.outsider, node.name, graph.spin_until) for node in nodes]
+    assert managers[1].change(CONFIGURE)
+    assert managers[2].change(SHUTDOWN["unconfigured"])
+    assert [manager.state for manager in managers] == ["unconfigured", "inactive", "finalized"]
+    end(nodes, signal.SIGINT)
+
+
+@BOTH
+def test_while_starting(graph: Any, number: int, tmp_path: Path) -> None:
+    """From the moment our code runs: modules are loaded, ROS starts, the node is made."""
+    code = "import sys; from uw_recon_ros import executables; sys.exit(executables.{}())"
+    for place, name in enumerate(ALL):
+        starting = start(graph, name, code=code.format(name))
+        graph.spin_until(lambda it=starting: handles(it.process.pid, signal.SIGTERM), "the handler")
+        graph.bench.spin_for(0.25 * place)
+        end([starting], number)
+
+
+def handles(pid: int, number: int) -> bool:
+    """Whether a process has a handler of its own for a signal."""
+    lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+    caught = next(int(line.split()[1], 16) for line in lines if line.startswith("SigCgt"))
+    return bool(caught >> (number - 1) & 1)
