@@ -1,0 +1,118 @@
+"""Markdown tables of what `matching.py` measured."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+Row = dict[str, Any]
+OURS = ("graph_cut navigation", "graph_cut balanced", "graph_cut quality")
+ROS, TUNED = "stereo_image_proc SGBM", "SGBM HH"
+#: What the documents call them.
+NAMES = {
+    "graph_cut navigation": "`graph_cut`, effort `navigation`",
+    "graph_cut balanced": "`graph_cut`, effort `balanced` (default)",
+    "graph_cut quality": "`graph_cut`, effort `quality`",
+    "kz2": "`kz2`, the paper's matcher",
+    "SGBM 3WAY": "OpenCV SGBM 3WAY, tuned",
+    "SGBM HH": "OpenCV SGBM HH, tuned",
+    "SGBM + WLS": "OpenCV SGBM 3WAY + WLS filter",
+    "stereo_image_proc SGBM": "SGBM as `stereo_image_proc` sets it",
+    "stereo_image_proc BM": "BM as `stereo_image_proc` sets it",
+}
+
+
+def markdown(head: Iterable[str], lines: Iterable[Iterable[object]]) -> str:
+    """A table."""
+    head = list(head)
+    rows = [head, ["---"] * len(head), *lines]
+    return "\n".join("| " + " | ".join(str(cell) for cell in row) + " |" for row in rows)
+
+
+def mean(rows: Iterable[Row], key: str) -> float:
+    """NaN where there is nothing to average."""
+    values = [row[key] for row in rows if row[key] is not None]
+    return float(np.mean(values)) if values else float("nan")
+
+
+def fine(rows: Iterable[Row]) -> float:
+    """Mean bad-0.5; tsukuba's truth is in whole pixels and says little of it."""
+    return mean([row for row in rows if row["pair"] != "tsukuba"], "bad_0.5")
+
+
+def select(rows: Iterable[Row], **keys: object) -> list[Row]:
+    """Those with these values."""
+    return [row for row in rows if all(row[key] == value for key, value in keys.items())]
+
+
+def methods(rows: Iterable[Row]) -> list[str]:
+    """In the order in which they were run."""
+    return list(dict.fromkeys(row["method"] for row in rows))
+
+
+def summary(rows: list[Row]) -> str:
+    """One line a method, water and number of threads: means over the pairs."""
+    head = ("method", "water", "threads", "bad-0.5 (without tsukuba)", "bad-1", "bad-2", "density %",
+            "within sigma %", "wall s", "CPU s", "MB")  # fmt: skip
+    keys = ("bad_1", "bad_2", "density_percent", "within_sigma_percent", "wall_s", "cpu_s")
+    lines = []
+    for method, water, threads in dict.fromkeys((r["method"], r["water"], r["threads"]) for r in rows):
+        of = select(rows, method=method, water=water, threads=threads)
+        cells = (f"{mean(of, key):.2f}".replace("nan", "") for key in keys)
+        lines.append((method, water, threads, f"{fine(of):.2f}", *cells, f"{max(row['memory_mb'] for row in of):.0f}"))
+    return markdown(head, lines)
+
+
+def details(rows: list[Row]) -> str:
+    """One line a run in air."""
+    head = ("method", "pair", "threads", "bad-0.5 / 1 / 2", "occlusions P / R", "energy", "wall s", "CPU s")
+    lines = []
+    for r in select(rows, water="air"):
+        bad = " / ".join(f"{r[f'bad_{x}']:.2f}" for x in ("0.5", "1", "2"))
+        hidden = f"{r['occlusion_precision']:.2f} / {r['occlusion_recall']:.2f}"
+        energy = "" if r["energy"] is None else f"{r['energy']:.0f}"
+        lines.append(
+            (r["method"], r["pair"], r["threads"], bad, hidden, energy, f"{r['wall_s']:.3f}", f"{r['cpu_s']:.3f}")
+        )
+    return markdown(head, lines)
+
+
+def in_air(rows: list[Row]) -> str:
+    """The short table: accuracy and time in air."""
+    head = ("matcher", "bad-0.5 (venus, teddy, cones)", "bad-1 (all four)", "occlusions P / R", "wall, two threads",
+            "CPU, one thread", "MB")  # fmt: skip
+    lines = []
+    for method in methods(rows):
+        of = select(rows, method=method, water="air")
+        one, two = select(of, threads=1) or of, select(of, threads=2) or of
+        hidden = f"{mean(two, 'occlusion_precision'):.2f} / {mean(two, 'occlusion_recall'):.2f}"
+        memory = max(row["memory_mb"] for row in two)
+        lines.append((NAMES.get(method, method), f"{fine(two):.1f}", f"{mean(two, 'bad_1'):.1f}", hidden,
+                      f"{mean(two, 'wall_s'):.2g}", f"{mean(one, 'cpu_s'):.2g}", f"{memory:.0f}"))  # fmt: skip
+    return markdown(head, lines)
+
+
+def under_water(rows: list[Row]) -> str:
+    """Mean bad-1 in each water, and how far the peers are behind: tuned SGBM, and as stereo_image_proc sets it."""
+    waters = list(dict.fromkeys(row["water"] for row in rows))
+    threads = max(row["threads"] for row in rows)
+
+    def bad(method: str, water: str) -> float:
+        return mean(select(rows, method=method, water=water, threads=threads), "bad_1")
+
+    lines: list[tuple[str, ...]] = [
+        (NAMES.get(method, method), *(f"{bad(method, water):.1f}" for water in waters)) for method in methods(rows)
+    ]
+    for mine in OURS[:2]:
+        for peer in (TUNED, ROS):
+            if {mine, peer} <= set(methods(rows)):
+                leads = (f"{bad(peer, water) - bad(mine, water):+.1f}" for water in waters)
+                lines.append((f"lead of `{mine.split()[1]}` over {NAMES[peer]}", *leads))
+    return markdown(("bad-1, %", *waters), lines)
+
+
+def everything(rows: list[Row]) -> str:
+    """All tables."""
+    return "\n\n".join(table(rows) for table in (in_air, under_water, summary, details)) + "\n"
