@@ -49,7 +49,9 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
         (f"share/{NAME}/launch", sorted(glob("launch/*.launch.py"))),
-        (f"share/{NAME}/config", sorted(glob("config/*"))),
+        (f"share/{NAME}/config", sorted(glob("config/*.*"))),
+        (f"share/{NAME}/config/rviz", sorted(glob("config/rviz/*"))),
+        (f"share/{NAME}/config/foxglove", sorted(glob("config/foxglove/*"))),
     ],
     python_requires=">=3.10",
     install_requires=[

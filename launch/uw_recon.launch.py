@@ -1,48 +1,164 @@
-"""The four stage nodes, and a bag where one is given.
+"""The graph, live or with a bag.
 
-ros2 launch uw_recon_ros uw_recon.launch.py namespace:=rov params_file:=/path/params.yaml bag:=/path/bag rate:=0.5
+ros2 launch uw_recon_ros uw_recon.launch.py --show-args
+ros2 launch uw_recon_ros uw_recon.launch.py namespace:=rov left_image:=/stereo/left/image_raw ...
+ros2 launch uw_recon_ros uw_recon.launch.py bag:=/path/bag rviz:=true overrides:='{effort: navigation}'
 """
 
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
 from ament_index_python.packages import get_package_share_directory
-from launch.actions import DeclareLaunchArgument
-from launch.conditions import IfCondition
-from launch.substitutions import LaunchConfiguration, NotEqualsSubstitution, PathJoinSubstitution
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown, TimerAction
 from launch_ros.actions import Node
 
-from launch import LaunchDescription
+from launch import LaunchContext, LaunchDescription
 
 PACKAGE = "uw_recon_ros"
 STAGES = ("preprocess_node", "rectify_node", "disparity_node", "point_cloud_node")
-PLAYER = "bag_player_node"
+COMPOSED, PLAYER = "pipeline_node", "bag_player_node"
+COMPRESSED = "/compressed"
+#: What is shown, for RViz in a name space: its configuration names them absolute.
+SHOWN = (
+    *(f"{eye}/image_{kind}" for eye in ("left", "right") for kind in ("raw", "enhanced", "matching")),
+    *(f"rectified/{eye}/{image}" for eye in ("left", "right") for image in ("image_rect_color", "image_rect")),
+    "disparity/status",
+    "disparity/sigma",
+    "depth/image_rect",
+    "depth/sigma",
+    "points2",
+    "points2_filtered",
+    "points_unscaled",
+    "surface",
+)
+LINGER_S = 3.0  # after the bag's end, for the last pair to come through
+
+
+@dataclass(frozen=True)
+class Argument:
+    """A launch argument: name, default, what it is for, and what it may be."""
+
+    name: str
+    default: str
+    about: str
+    choices: tuple[str, ...] = ()
+
+    def declare(self) -> DeclareLaunchArgument:
+        more = {"choices": list(self.choices)} if self.choices else {}
+        return DeclareLaunchArgument(self.name, default_value=self.default, description=self.about, **more)
+
+
+YES_OR_NO = ("true", "false")
+ARGUMENTS = (
+    Argument("namespace", "", "Name space of all nodes and topics."),
+    Argument("composed", "false", "One process (pipeline_node) instead of four.", YES_OR_NO),
+    Argument("autostart", "true", "Whether the nodes activate themselves; false: a lifecycle manager does.", YES_OR_NO),
+    Argument("params_file", "", "ROS parameter file for all nodes; none: the defaults."),
+    Argument("preset", "none", "A file of config/ to start from.", ("none", "navigation", "quality", "paper")),
+    Argument("overrides", "{}", "Any parameters, as YAML, over file and preset: '{max_disparity: 63}'."),
+    Argument("effort", "", "Of the matcher, over file and preset.", ("", "navigation", "balanced", "quality")),
+    Argument("left_image", "left/image_raw", "Topic of the left camera's images (.../compressed: compressed ones)."),
+    Argument("right_image", "right/image_raw", "Topic of the right camera's images."),
+    Argument("left_camera_info", "left/camera_info", "Topic of the left camera's calibration."),
+    Argument("right_camera_info", "right/camera_info", "Topic of the right camera's calibration."),
+    Argument("use_sim_time", "auto", "Whether /clock is the time; auto: with a bag.", ("auto", *YES_OR_NO)),
+    Argument("bag", "", "Bag to replay (rosbag2 folder or .mcap); none: live cameras."),
+    Argument("rate", "1.0", "Speed of the replay."),
+    Argument("loop", "false", "Whether the replay begins again at its end.", YES_OR_NO),
+    Argument("shutdown_after_bag", "false", "Whether everything ends soon after the bag.", YES_OR_NO),
+    Argument("respawn", "false", "Whether a node that died is started again.", YES_OR_NO),
+    Argument("rviz", "false", "Whether RViz shows it all.", YES_OR_NO),
+    Argument("fixed_frame", "", "RViz's fixed frame, e.g. the camera's; none: the configuration's."),
+    Argument("log_level", "info", "Of all nodes.", ("debug", "info", "warn", "error", "fatal")),
+)
+
+
+def config(name: str) -> str:
+    return str(Path(get_package_share_directory(PACKAGE)) / "config" / name)
+
+
+def parameters(given: dict[str, str]) -> list[Any]:
+    """Parameter files and values, later ones win: defaults or file, preset, single ones."""
+    values = yaml.safe_load(given["overrides"]) or {}
+    if not isinstance(values, dict):
+        raise RuntimeError(
+            f"overrides: expected a YAML mapping, e.g. '{{max_disparity: 63}}', got {given['overrides']!r}"
+        )
+    if given["effort"]:
+        values["effort"] = given["effort"]
+    values["use_sim_time"] = given["use_sim_time"] == "true" or (given["use_sim_time"] == "auto" and bool(given["bag"]))
+    values["autostart"] = given["autostart"] == "true"
+    preset = [] if given["preset"] == "none" else [config(f"{given['preset']}.yaml")]
+    return [given["params_file"] or config("default.yaml"), *preset, values]
+
+
+def remappings(given: dict[str, str]) -> list[tuple[str, str]]:
+    """Where the cameras' topics really are."""
+    rules = []
+    for eye in ("left", "right"):
+        image = given[f"{eye}_image"].removesuffix(COMPRESSED)
+        rules += [(f"{eye}/image_raw", image), (f"{eye}/image_raw{COMPRESSED}", image + COMPRESSED)]
+        rules += [(f"{eye}/camera_info", given[f"{eye}_camera_info"])]
+    return [(ours, theirs) for ours, theirs in rules if ours != theirs]
+
+
+def player(given: dict[str, str], common: dict[str, Any]) -> Node:
+    """The bag player, which has the topics of the bag."""
+    loop = ["--loop"] if given["loop"] == "true" else []
+    ending = [TimerAction(period=LINGER_S, actions=[Shutdown(reason="the bag has ended")])]
+    return Node(
+        executable=PLAYER,
+        name=PLAYER,
+        arguments=[given["bag"], "--rate", given["rate"], "--wait-for-subscribers", *loop],
+        on_exit=ending if given["shutdown_after_bag"] == "true" else None,
+        **common,
+    )
+
+
+def rviz(given: dict[str, str]) -> Node:
+    frame = ["-f", given["fixed_frame"]] if given["fixed_frame"] else []
+    moved = dict(remappings(given))
+    return Node(
+        package="rviz2",
+        executable="rviz2",
+        namespace=given["namespace"],
+        arguments=["-d", config("rviz/uw_recon.rviz"), *frame],
+        parameters=[{"use_sim_time": parameters(given)[-1]["use_sim_time"]}],
+        remappings=[(f"/{topic}", moved.get(topic, topic)) for topic in SHOWN],
+        output="screen",
+    )
+
+
+def start(context: LaunchContext) -> list[Node]:
+    given = {argument.name: context.launch_configurations[argument.name] for argument in ARGUMENTS}
+    common = {
+        "package": PACKAGE,
+        "namespace": given["namespace"],
+        "ros_arguments": ["--log-level", given["log_level"]],
+        "output": "screen",
+    }
+    nodes = [
+        Node(
+            executable=stage,
+            name=stage,
+            parameters=parameters(given),
+            remappings=remappings(given),
+            respawn=given["respawn"] == "true",
+            respawn_delay=1.0,
+            **common,
+        )
+        for stage in ([COMPOSED] if given["composed"] == "true" else STAGES)
+    ]
+    if given["bag"]:
+        nodes.append(player(given, common))
+    if given["rviz"] == "true":
+        nodes.append(rviz(given))
+    return nodes
 
 
 def generate_launch_description() -> LaunchDescription:
-    namespace, bag = LaunchConfiguration("namespace"), LaunchConfiguration("bag")
-    defaults = PathJoinSubstitution([get_package_share_directory(PACKAGE), "config", "default.yaml"])
-    arguments = [
-        DeclareLaunchArgument("namespace", default_value="", description="Name space of all nodes and topics."),
-        DeclareLaunchArgument("params_file", default_value=defaults, description="ROS parameter file for all nodes."),
-        DeclareLaunchArgument("bag", default_value="", description="Bag to replay; none: live cameras."),
-        DeclareLaunchArgument("rate", default_value="1.0", description="Speed of the replay."),
-    ]
-    stages = [
-        Node(
-            package=PACKAGE,
-            executable=stage,
-            name=stage,
-            namespace=namespace,
-            parameters=[LaunchConfiguration("params_file")],
-            output="screen",
-        )
-        for stage in STAGES
-    ]
-    player = Node(
-        package=PACKAGE,
-        executable=PLAYER,
-        name=PLAYER,
-        namespace=namespace,
-        arguments=[bag, "--rate", LaunchConfiguration("rate"), "--wait-for-subscribers"],
-        condition=IfCondition(NotEqualsSubstitution(bag, "")),
-        output="screen",
-    )
-    return LaunchDescription([*arguments, *stages, player])
+    return LaunchDescription([*(argument.declare() for argument in ARGUMENTS), OpaqueFunction(function=start)])

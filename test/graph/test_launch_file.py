@@ -1,0 +1,180 @@
+"""The launch file executed: what it starts, with every argument; and what it starts is started."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import runpy
+from pathlib import Path
+from typing import Any
+
+import launch_double
+import pytest
+import yaml
+from launch_double import LaunchContext, Node, Shutdown
+from ros_bench import banded_pair, calibration
+from sensor_msgs.msg import PointCloud2
+
+from uw_recon_ros.bags.writer import BagWriter
+from uw_recon_ros.catalogue import ALL_PARAMS
+from uw_recon_ros.params import read_parameter_file
+
+ROOT = Path(__file__).parents[2]
+FILE = ROOT / "launch" / "uw_recon.launch.py"
+FOUR = ["preprocess_node", "rectify_node", "disparity_node", "point_cloud_node"]
+SECOND = 1_000_000_000
+
+
+@pytest.fixture
+def launch(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
+    """Execute the file with arguments; return the nodes it would start."""
+    launch_double.install(monkeypatch)
+    index = tmp_path / "prefix" / "share" / "ament_index" / "resource_index" / "packages"
+    index.mkdir(parents=True)
+    (index / "uw_recon_ros").touch()
+    (tmp_path / "prefix" / "share" / "uw_recon_ros").symlink_to(ROOT)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "prefix"))
+
+    def execute(**given: str) -> list[Node]:
+        *arguments, start = runpy.run_path(str(FILE))["generate_launch_description"]().entities
+        declared = {argument.name: argument for argument in arguments}
+        assert given.keys() <= declared.keys()
+        for name, value in given.items():
+            assert declared[name].choices is None or value in declared[name].choices
+        values = {name: argument.default_value for name, argument in declared.items()}
+        nodes: list[Node] = start.function(LaunchContext({**values, **given}))
+        return nodes
+
+    return execute
+
+
+def values(node: Node) -> dict[str, Any]:
+    """All parameters a node gets, later ones winning."""
+    merged: dict[str, Any] = {}
+    for given in node.parameters:
+        merged |= given if isinstance(given, dict) else read_parameter_file(given, [str(node.name)])
+    return merged
+
+
+def test_the_graph_by_default(launch: Any) -> None:
+    nodes = launch()
+    assert [node.executable for node in nodes] == [node.name for node in nodes] == FOUR
+    defaults = {spec.name: spec.default for cls in ALL_PARAMS for spec in cls.specs()}
+    for node in nodes:
+        assert values(node) == {**defaults, "use_sim_time": False, "autostart": True}
+        assert node.remappings == []
+
+
+def test_every_argument_is_described_and_used() -> None:
+    text = FILE.read_text()
+    names = re.findall(r'Argument\("(\w+)"', text)
+    assert len(names) == len(set(names)) >= 18
+    for name in names:
+        eye = re.sub(r"^(left|right)", "{eye}", name)
+        assert f'given["{name}"]' in text or f'given[f"{eye}"]' in text
+
+
+def test_one_process_in_a_name_space(launch: Any) -> None:
+    (node,) = launch(composed="true", namespace="rov", autostart="false", respawn="true", log_level="warn")
+    assert (node.executable, node.namespace, node.respawn) == ("pipeline_node", "rov", True)
+    assert values(node)["autostart"] is False
+    assert node.ros_arguments == ["--log-level", "warn"]
+
+
+def test_parameters_later_ones_win(launch: Any, tmp_path: Path) -> None:
+    mine = tmp_path / "mine.yaml"
+    mine.write_text("/**:\n  ros__parameters: {cloud_voxel: 0.5, max_disparity: 10, effort: quality}\n")
+    node = launch(params_file=str(mine), preset="navigation", overrides="{max_disparity: 63, cloud_voxel: 0.07}")[2]
+    preset = yaml.safe_load((ROOT / "config" / "navigation.yaml").read_text())["/**"]["ros__parameters"]
+    assert values(node).items() >= {**preset, "max_disparity": 63, "cloud_voxel": 0.07}.items()
+    assert values(launch(effort="balanced", params_file=str(mine))[2])["effort"] == "balanced"
+    with pytest.raises(RuntimeError, match="overrides: expected a YAML mapping"):
+        launch(overrides="7")
+
+
+@pytest.mark.parametrize("name", [spec.name for cls in ALL_PARAMS for spec in cls.specs()])
+def test_every_parameter_can_be_overridden(launch: Any, name: str) -> None:
+    default = {spec.name: spec.default for cls in ALL_PARAMS for spec in cls.specs()}[name]
+    if name != "autostart":  # an argument of its own
+        assert values(launch(overrides=yaml.safe_dump({name: default}))[0])[name] == default
+
+
+def test_where_the_cameras_topics_are(launch: Any) -> None:
+    node = launch(left_image="/cam/l/image", right_image="/cam/r/image/compressed", left_camera_info="/cam/l/info")[0]
+    assert dict(node.remappings) == {
+        "left/image_raw": "/cam/l/image",
+        "left/image_raw/compressed": "/cam/l/image/compressed",
+        "left/camera_info": "/cam/l/info",
+        "right/image_raw": "/cam/r/image",
+        "right/image_raw/compressed": "/cam/r/image/compressed",
+    }
+
+
+def test_a_bag(launch: Any) -> None:
+    *stages, player = launch(bag="/some/bag", rate="0.5", loop="true")
+    assert player.executable == "bag_player_node"
+    assert player.arguments == ["/some/bag", "--rate", "0.5", "--wait-for-subscribers", "--loop"]
+    assert player.on_exit is None
+    assert all(values(node)["use_sim_time"] is True for node in stages)
+    assert values(launch(bag="/some/bag", use_sim_time="false")[0])["use_sim_time"] is False
+    assert values(launch(use_sim_time="true")[0])["use_sim_time"] is True
+
+
+def test_all_ends_with_the_bag_where_asked(launch: Any) -> None:
+    player = launch(bag="/some/bag", shutdown_after_bag="true")[-1]
+    (timer,) = player.on_exit
+    assert isinstance(timer.actions[0], Shutdown)
+    assert 0 < timer.period < 10
+
+
+def test_rviz(launch: Any) -> None:
+    *_, viewer = launch(rviz="true", namespace="rov", fixed_frame="cam", left_image="/cam/image_raw")
+    assert (viewer.package, viewer.executable, viewer.namespace) == ("rviz2", "rviz2", "rov")
+    assert viewer.arguments[0] == "-d"
+    assert Path(viewer.arguments[1]).is_file()
+    assert viewer.arguments[2:] == ["-f", "cam"]
+    moved = dict(viewer.remappings)
+    assert moved["/left/image_raw"] == "/cam/image_raw"
+    assert moved["/points2"] == "points2"
+    shown = set(re.findall(r"Value: (/\S+)", Path(viewer.arguments[1]).read_text()))
+    assert set(moved) == {
+        topic for topic in shown if not topic.startswith(("/tf", "/initialpose", "/goal", "/clicked"))
+    }
+
+
+@pytest.mark.skipif(importlib.util.find_spec("launch_ros") is None, reason="needs ROS 2's launch")
+def test_ros_launch_reads_it() -> None:
+    description = runpy.run_path(str(FILE))["generate_launch_description"]()
+    assert {argument.name for argument in description.get_launch_arguments()} >= {"bag", "overrides", "namespace"}
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    """Ten seconds of a rig whose topics have names of their own."""
+    rig = calibration()
+    with BagWriter(tmp_path / "bag") as writer:
+        for frame in range(100):
+            stamp = SECOND + frame * SECOND // 10
+            for eye, image in zip(("left", "right"), banded_pair(), strict=True):
+                writer.image(f"/cam/{eye}", image, time_ns=stamp, frame_id="cam")
+                writer.camera_info(f"/cam/{eye}_info", getattr(rig, eye), time_ns=stamp, frame_id="cam")
+    return tmp_path / "bag"
+
+
+@pytest.mark.graph
+@pytest.mark.timeout(240)
+@pytest.mark.parametrize("composed", ["false", "true"], ids=["four nodes", "one process"])
+def test_what_is_launched_brings_clouds(graph: Any, launch: Any, bag: Path, tmp_path: Path, composed: str) -> None:
+    nodes = launch(
+        namespace="rov", composed=composed, bag=str(bag), loop="true", preset="navigation",
+        overrides="{min_disparity: 0, max_disparity: 24}",
+        left_image="cam/left", right_image="cam/right",
+        left_camera_info="cam/left_info", right_camera_info="cam/right_info",
+    )  # fmt: skip
+    clouds = graph.bench.listen(PointCloud2, "/rov/points2")
+    for node in nodes:
+        graph.start(node.executable, *node.command(tmp_path))
+    graph.spin_until(lambda: clouds, "a cloud")
+    assert clouds[0].header.frame_id == "cam"
+    found = graph.bench.outsider.get_node_names_and_namespaces
+    graph.spin_until(lambda: {(node.name, "/rov") for node in nodes} <= set(found()), "all nodes in the name space")
