@@ -27,6 +27,24 @@ RawImage = NDArray[Any]  # uint8 or uint16
 Axis = Literal["horizontal", "vertical"]
 
 
+_RECTIFIED = "_rectified"
+
+
+def optical_frame(frame_id: str) -> str:
+    """Name of a camera's own, unrotated optical frame, from that or from `rectified_frame` of it."""
+    return frame_id.removesuffix(_RECTIFIED)
+
+
+def rectified_frame(frame_id: str) -> str:
+    """Name of the frame that the rectifying rotation turns a camera's optical frame into."""
+    return optical_frame(frame_id) + _RECTIFIED
+
+
+def named_frame(frame_id: str, which: str) -> str:
+    """`optical_frame` or `rectified_frame` of `frame_id`, as `which` says: ``optical`` or ``rectified``."""
+    return rectified_frame(frame_id) if which == "rectified" else optical_frame(frame_id)
+
+
 @dataclass(frozen=True)
 class Window:
     """A rectangle of pixels, the part of a rectified image that shows something.

@@ -129,5 +129,5 @@ def test_an_empty_cloud_stays_empty():
 
 @pytest.mark.parametrize(("voxel", "most"), [(0.0, 5), (-1.0, 5), (0.1, 7)])
 def test_mistakes_are_named(voxel, most):
-    with pytest.raises(ValueError, match="voxel, max_points: expected > 0 and >= 8, got"):
+    with pytest.raises(ValueError, match="voxel, max_points, max_range: expected > 0, >= 8 and finite, got"):
         thin_cloud(loose_cloud([[0, 0, 1]]), min_range=0, max_range=9, voxel=voxel, max_points=most)

@@ -8,6 +8,7 @@
 | `rectified/left/image_rect`, `rectified/right/image_rect` | Image mono8 | out: what the matcher sees |
 | `rectified/left/image_rect_color`, `rectified/right/image_rect_color` | Image bgr8 | out |
 | `rectified/left/camera_info`, `rectified/right/camera_info` | CameraInfo | out, see `uw_recon_ros.ros.geometry` |
+| `/tf_static` | TFMessage | out, where tf2_msgs is installed: the rectified frame in the left camera's own |
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from sensor_msgs.msg import CameraInfo, Image
 
 from uw_recon_ros.rectify.stage import Rectify, RectifyParams
 from uw_recon_ros.rectify.tracker import RigTracker
+from uw_recon_ros.ros import frames
 from uw_recon_ros.ros.assembly import Group
 from uw_recon_ros.ros.diagnostics import Diagnostics
 from uw_recon_ros.ros.main import run
@@ -47,6 +49,7 @@ OUTPUTS = (
         for kind in ("image_rect_color", "image_rect")
         for eye in ("left", "right")
     ),
+    *frames.OUTPUTS,
 )
 
 
@@ -92,6 +95,7 @@ def report_rectification(diagnostics: Diagnostics, pair: RectifiedPair) -> None:
         row_error_p95_px=f"{quality.row_error_p95_px:.3f}",
         inliers=quality.inliers,
         scale="metric" if pair.geometry.metric else "unknown",
+        rectifying_rotation_deg=f"{frames.rotation_deg(pair.geometry):.3f}",
     )
     diagnostics.problem("rectification", "; ".join(quality.warnings) or None)
 
@@ -99,6 +103,7 @@ def report_rectification(diagnostics: Diagnostics, pair: RectifiedPair) -> None:
 def publish_rectified(outputs: Outputs, pair: RectifiedPair) -> None:
     """Publish what the rectification stage made."""
     head = header(pair.stamp_ns, pair.frame_id)
+    frames.tell_rectified_frame(outputs, pair.geometry, pair.stamp_ns, pair.frame_id)
     left_info, right_info = rectified_infos(pair)
     outputs.send("rectified/left/camera_info", lambda: left_info)
     outputs.send("rectified/right/camera_info", lambda: right_info)
@@ -113,6 +118,8 @@ class RectifyNode(StageNode[RigRectifier]):
 
     def __init__(self, **options: Any) -> None:
         super().__init__("rectify_node", classes=(RectifyParams,), inputs=INPUTS, outputs=OUTPUTS, **options)
+        if not frames.OUTPUTS:
+            self.get_logger().debug(frames.ABSENT)
 
     def build(self, params: ParameterSet) -> RigRectifier:
         """Make the stage; what was known of the rig is forgotten."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, cast
 
 import numpy as np
@@ -12,7 +12,16 @@ from uw_recon_ros.reconstruct.cloud import organised_cloud, thin_cloud
 from uw_recon_ros.reconstruct.depth_filter import remove_speckles, sigma_after_smoothing, smooth_disparity
 from uw_recon_ros.reconstruct.surface import build_surface
 from uw_recon_ros.reconstruct.triangulation import triangulate
-from uw_recon_ros.types import ByteImage, DepthMap, DisparityMap, PointCloud, Status, StereoGeometry, Surface
+from uw_recon_ros.types import (
+    ByteImage,
+    DepthMap,
+    DisparityMap,
+    PointCloud,
+    Status,
+    StereoGeometry,
+    Surface,
+    named_frame,
+)
 
 
 @dataclass(frozen=True)
@@ -185,7 +194,7 @@ class Reconstruct:
     def surface(self, depth: DepthMap, left: ByteImage) -> Surface:
         """A textured triangle mesh that bridges no discontinuity. Raises as `cloud`."""
         p = self.params
-        return build_surface(
+        surface = build_surface(
             depth,
             _colors(depth, left),
             frame=self._frame,
@@ -196,6 +205,7 @@ class Reconstruct:
             max_obliqueness_deg=p.surface_max_obliqueness,
             min_area_px=p.speckle_area_px,
         )
+        return replace(surface, frame_id=named_frame(depth.frame_id, self._frame))
 
     @property
     def _frame(self) -> Literal["optical", "rectified"]:

@@ -42,6 +42,11 @@ class RectifyParams(Params):
     rectify_interpolation: str = param(
         "cubic", "How the warp reads between pixels.", choices=("linear", "cubic", "lanczos")
     )
+    image_frame: str = param(
+        "optical",
+        "Frame in the headers of rectified images, disparity, depth: the left camera's own, or that with _rectified.",
+        choices=("optical", "rectified"),
+    )
     rectify_seed: int = param(0, "Seed of everything random in rectification.", low=0, high=2**31 - 1)
     tie_image_side: int = param(
         1280, "Longer side to which larger images are reduced for finding tie points.", unit="px", low=160, high=8192

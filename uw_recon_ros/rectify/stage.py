@@ -8,7 +8,7 @@ from uw_recon_ros.errors import ImageError
 from uw_recon_ros.rectify.params import RectifyParams
 from uw_recon_ros.rectify.rectification import Rectification
 from uw_recon_ros.rectify.warp import warp_image
-from uw_recon_ros.types import ByteImage, EnhancedPair, FloatImage, RectifiedPair
+from uw_recon_ros.types import ByteImage, EnhancedPair, FloatImage, RectifiedPair, named_frame
 
 __all__ = ["Rectify", "RectifyParams"]
 
@@ -36,7 +36,7 @@ class Rectify:
         Returns
         -------
         RectifiedPair
-            Both views of one size; stamp and frame as they came.
+            Both views of one size; stamp as it came, frame as `image_frame` names it.
 
         Raises
         ------
@@ -54,7 +54,7 @@ class Rectify:
             valid_left=rectification.valid_left,
             valid_right=rectification.valid_right,
             stamp_ns=pair.stamp_ns,
-            frame_id=pair.frame_id,
+            frame_id=named_frame(pair.frame_id, self.params.image_frame),
         )
 
     def _warped(self, image: ByteImage, raw_from_rect: FloatImage | None) -> ByteImage:

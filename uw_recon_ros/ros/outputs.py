@@ -28,8 +28,11 @@ class Publishers:
     def __init__(self, node: Node, outputs: Iterable[Output], on_match: Callable[[], None]) -> None:
         self._node = node
         self.by_topic: dict[str, Publisher] = {}
+        self.quiet: set[str] = set()
         try:
             for wanted in outputs:
+                if wanted.quiet:
+                    self.quiet.add(wanted.topic)
                 self.by_topic[wanted.topic] = advertise(
                     node, wanted.type, wanted.topic, latched=wanted.latched, on_match=on_match
                 )
@@ -58,6 +61,7 @@ class Outputs:
 
     def __init__(self, publishers: Publishers, diagnostics: Diagnostics) -> None:
         self._publishers, self._diagnostics = dict(publishers.by_topic), diagnostics
+        self._quiet, self._told = frozenset(publishers.quiet), dict[str, Any]()
         self._lock = threading.Lock()
         self._open = True
 
@@ -75,7 +79,9 @@ class Outputs:
         """Whether anybody listens to one of `topics`, or to anything when none are named."""
         with self._lock:
             return self._open and any(
-                self._publishers[topic].get_subscription_count() > 0 for topic in topics or self._publishers
+                self._publishers[topic].get_subscription_count() > 0
+                for topic in topics or self._publishers
+                if topic not in self._quiet
             )
 
     def listeners(self) -> dict[str, int]:
@@ -90,4 +96,12 @@ class Outputs:
         with self._lock:
             if self._open:
                 self._publishers[topic].publish(message)
+                self._diagnostics.count(f"out {topic}")
+
+    def tell(self, topic: str, value: Any, make: Callable[[], Any]) -> None:
+        """Publish the message that `make` returns, listened to or not, if the node has `topic` and `value` is news."""
+        with self._lock:
+            if self._open and topic in self._publishers and self._told.get(topic) != value:
+                self._publishers[topic].publish(make())
+                self._told[topic] = value
                 self._diagnostics.count(f"out {topic}")

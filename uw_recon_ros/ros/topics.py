@@ -45,8 +45,11 @@ class Output:
         Message class.
     latched : bool
         Whether late subscribers get the last message.
+    quiet : bool
+        Whether its listeners are no reason to work, for they listen to other nodes too; see `Outputs.tell`.
     """
 
     topic: str
     type: Any
     latched: bool = False
+    quiet: bool = False
