@@ -380,7 +380,13 @@ def test_what_a_pipeline_says_is_said_once() -> None:
 
 
 def test_clouds_with_little_or_nothing_in_them() -> None:
-    assert "clouds without a point" in cause(spoil(healthy(), "points2", arrivals=images(valid_share=0.0)))
+    empty = spoil(healthy(), "points2", arrivals=images(valid_share=0.0))
+    assert "clouds without a point -> look at disparity/status" in cause(empty)
+    behind = Status(0, "working", {"disparities": "-77 to -25 px"})
+    exchanged = cause(with_node(empty, "disparity_node", statuses=(behind,)))
+    assert "left and right seem exchanged; disparities are -77 to -25 px -> exchange the topics" in exchanged
+    ahead = Status(0, "working", {"disparities": "-7 to 25 px"})
+    assert "exchanged" not in cause(with_node(empty, "disparity_node", statuses=(ahead,)))
     assert "3% of the pixels have a point" in warnings(spoil(healthy(), "points2", arrivals=images(valid_share=0.03)))
     nowhere = spoil(healthy(), "points2", arrivals=images(valid_share=0.9, frame_id=""))
     assert "RViz shows no cloud without a frame" in warnings(nowhere)

@@ -149,7 +149,7 @@ def test_no_cameras_but_others_of_that_kind(bench: Bench, rig: Rig, examine: Any
     rig.start()
     bench.start(PipelineNode, **FAST)
     line = cause(examine("no publisher"))
-    assert "/left/image_raw: no publisher, but /stereo/left/image_raw in another name space" in line
+    assert "/left/image_raw: no publisher, but /stereo/left/image_raw has one" in line
     assert "namespace:=/stereo" in line
 
 

@@ -42,10 +42,9 @@ def _missing(seen: Observation, eye: str) -> Finding:
     moved = same_elsewhere(raw, TYPES.values(), seen.others) or same_elsewhere(compressed, TYPES.values(), seen.others)
     if moved:
         space = namespace_of(moved[0], compressed if moved[0].endswith(compressed) else raw)
-        ours = f"the nodes read {topic.name}"
         return fail(
             _STAGE,
-            f"{text}, but {' and '.join(moved)} in another name space ({ours})",
+            f"{text}, but {' and '.join(moved)} has one",
             f"start the nodes with namespace:={space} (-r __ns:={space}), or remap {raw}:={moved[0]}",
         )
     likely = for_image(eye, seen.others)

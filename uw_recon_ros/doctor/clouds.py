@@ -2,23 +2,39 @@
 
 from __future__ import annotations
 
+import re
+
 from uw_recon_ros.doctor.calibrations import scale_is_unknown
 from uw_recon_ros.doctor.chain import CLOUD, METRIC_CLOUD, TYPES, UNSCALED_CLOUD
 from uw_recon_ros.doctor.finding import Finding, fail, ok, warn
 from uw_recon_ros.doctor.observation import Observation, Topic
+from uw_recon_ros.doctor.stages import EXCHANGE
 
 _STAGE = "cloud"
 _SPARSE = 0.05
 _RESULTS = (METRIC_CLOUD, "points2_filtered", UNSCALED_CLOUD)
 
 
-def _contents(topic: Topic) -> Finding:
+_RANGE = re.compile(r"(-?\d+) to (-?\d+) px")
+
+
+def _empty(topic: Topic, seen: Observation) -> Finding:
+    """Clouds come and hold nothing: behind a rig whose eyes are exchanged there is nothing to see."""
+    text = f"{topic.name}: clouds without a point"
+    for node in seen.nodes.values():
+        said = node.statuses[-1].values if node.statuses else {}
+        found = _RANGE.search(said.get("disparities", ""))
+        if (found and int(found[2]) < 0) or "exchanged eyes" in said.get("last drop", ""):
+            searched = f"; disparities are {found[0]}" if found else ""
+            return fail(_STAGE, f"{text}: left and right seem exchanged{searched}", EXCHANGE)
+    return fail(_STAGE, text, "look at disparity/status: it says why, pixel by pixel")
+
+
+def _contents(topic: Topic, seen: Observation) -> Finding:
     came = topic.arrivals
     share = came.valid_share
     if share == 0:
-        return fail(
-            _STAGE, f"{topic.name}: clouds without a point", "look at disparity/status: it says why, pixel by pixel"
-        )
+        return _empty(topic, seen)
     text = f"{topic.name}: {came.rate_hz:.1f} Hz, {came.width}x{came.height} in frame '{came.frame_id}'"
     if share is not None:
         text += f", {share:.0%} of the pixels have a point"
@@ -34,7 +50,7 @@ def check_clouds(seen: Observation) -> list[Finding]:
     """Look at what comes out at the end."""
     metric, unscaled = (seen.topics.get(name, Topic(name)) for name in (METRIC_CLOUD, UNSCALED_CLOUD))
     if metric.arrivals.count:
-        return [_contents(metric)]
+        return [_contents(metric, seen)]
     if scale_is_unknown(seen):
         text = f"no {metric.name}: the scale is unknown; {unscaled.name} comes instead"
         rate = f" ({unscaled.arrivals.rate_hz:.1f} Hz)"

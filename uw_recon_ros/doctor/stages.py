@@ -14,6 +14,7 @@ _OK, _WARN, _ERROR = 0, 1, 2
 _WAITING = ("silent", "unpaired")
 #: The graph's way to keep up, no fault.
 _HARMLESS = frozenset({"superseded by newer", "no partner within tolerance", "deactivated meanwhile"})
+EXCHANGE = "exchange the topics of left and right, or the calibrations"
 _LOOK = "look at its log, restart it"
 _MOVES = {"unconfigured": ("configure", "activate"), "inactive": ("activate",)}
 
@@ -54,7 +55,7 @@ def _status(stage: Stage, node: GraphNode, status: Status) -> Iterator[Finding]:
 def _remedy(message: str) -> str:
     """What to do about a frame's refusal."""
     for words, advice in (
-        ("exchanged eyes", "exchange the topics of left and right, or the calibrations"),
+        ("exchanged eyes", EXCHANGE),
         (
             "tie points: expected",
             "see left/image_enhanced: haze, darkness or no overlap? Calibrated rigs need no tie points",
@@ -145,7 +146,7 @@ def _of_node(stage: Stage, node: GraphNode, topic: Topic, seen: Observation) -> 
         if topic.arrivals.count:
             yield _works(stage, topic, status)
     elif all(complaint.symptom for complaint in complaints):
-        yield _nothing(stage, node, status, seen)
+        yield _nothing(complaining, node, status, seen)
 
 
 def _hindrances(stage: Stage, node: GraphNode) -> Iterator[Finding]:
