@@ -6,7 +6,7 @@ Why it is built so, and what it was measured against, is told in the documentati
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from uw_recon_ros.match.methods import EFFORTS
 from uw_recon_ros.match.slanted.certainty import sigma_of
 from uw_recon_ros.match.slanted.gray import Gray, gray_pair, local_contrast
+from uw_recon_ros.match.slanted.motion import FrameBefore, moved_planes
 from uw_recon_ros.match.slanted.moves import Labelling, energy
 from uw_recon_ros.match.slanted.plane_cost import FORBIDDEN, QUARTERS, View, framed, weigh
-from uw_recon_ros.match.slanted.proposals import FIT, NEAR, OWN, POINTS, SHAKEN
+from uw_recon_ros.match.slanted.proposals import BEFORE, FIT, NEAR, OWN, POINTS, SHAKEN, Sources
 from uw_recon_ros.match.slanted.refine import Pass, disparity_of, refine
 from uw_recon_ros.match.slanted.semiglobal import Start, semiglobal_start
 from uw_recon_ros.match.slanted.support import edge_weights, inverse_size, measure_arms
@@ -42,19 +43,26 @@ class Schedule:
         See `refine.refine`.
     units : float
         See `moves.Labelling`.
+    following : tuple of Pass
+        The passes for a frame that continues one whose planes are known.
     """
 
     passes: tuple[Pass, ...]
     least_gain: float = 4.0
     units: float = 10.0
+    following: tuple[Pass, ...] = ()
 
 
 _FIRST = (Pass(FIT, 6, False), Pass(POINTS, 6, False))
 _ROUND = (Pass(POINTS, 2, True), Pass(FIT, 2, True), Pass(OWN, 2, True), Pass(NEAR, 2, True), Pass(SHAKEN, 2, True))
+_FOLLOWING = (
+    *(Pass(FIT, 4, False), Pass(POINTS, 4, False), Pass(BEFORE, 2, False)),
+    *(Pass(BEFORE, 2, True), Pass(OWN, 1, True), Pass(NEAR, 2, True), Pass(FIT, 1, True)),
+)
 SCHEDULES = {
     "navigation": Schedule(()),
-    "balanced": Schedule(_FIRST + _ROUND),
-    "quality": Schedule(_FIRST + 6 * _ROUND, 2.0, 32.0),
+    "balanced": Schedule(_FIRST + _ROUND, following=_FOLLOWING),
+    "quality": Schedule(_FIRST + 6 * _ROUND, 2.0, 32.0, _FOLLOWING + 3 * _ROUND),
 }
 
 
@@ -72,12 +80,15 @@ class GraphCutResult:
         `Status` bits.
     energy : float
         Of the planes; NaN for the effort that has none.
+    frame : FrameBefore or None
+        What the next frame of a sequence may start from; None for the effort that has no planes.
     """
 
     disparity: FloatImage
     sigma: FloatImage
     status: ByteImage
     energy: float
+    frame: FrameBefore | None = None
 
 
 def graph_cut(
@@ -89,6 +100,7 @@ def graph_cut(
     effort: str = "balanced",
     seed: int = 0,
     threads: int = 1,
+    before: FrameBefore | None = None,
 ) -> GraphCutResult:
     """Match a rectified pair.
 
@@ -103,6 +115,8 @@ def graph_cut(
         Of the planes proposed.
     threads : int
         The result does not depend on it.
+    before : FrameBefore, optional
+        Of a frame of the same size shortly before: fewer planes are tried then.
 
     Raises
     ------
@@ -119,11 +133,15 @@ def graph_cut(
     if not schedule.passes:
         _leave_out(blank, status)
         return _result(start.disparity, eyes, status, float("nan"), effort, threads)
-    disparity, costs, units = _planes(*eyes, start.disparity, status == 0, blank, limits, schedule, seed, threads)
-    share(lambda b: contest(disparity, costs, *b, status), bands(status.shape[0], threads), threads)
+    usable, shown = status == 0, eyes[0].as_bytes()
+    moved = None if before is None else moved_planes(before, shown, start.disparity, usable)
+    state = _planes(*eyes, start.disparity, usable, blank, moved, limits, schedule, seed, threads)
+    disparity = disparity_of(state.planes)
+    share(lambda b: contest(disparity, state.costs, *b, status), bands(status.shape[0], threads), threads)
     _leave_out(blank, status)
     drop_islands(disparity, status)
-    return _result(disparity, eyes, status, units / schedule.units, effort, threads)
+    result = _result(disparity, eyes, status, sum(energy(state)) / schedule.units, effort, threads)
+    return replace(result, frame=FrameBefore(shown, state.planes))
 
 
 def _require(left: ByteImage, right: ByteImage, low: int, high: int, effort: str) -> None:
@@ -179,6 +197,12 @@ class _Eye:
         )
         return first, second
 
+    def as_bytes(self) -> ByteImage:
+        """Gray, (H, W)."""
+        if self.pixels.shape[2] == 1:
+            return self.pixels[..., 0]
+        return np.asarray(cv2.cvtColor(self.pixels, cv2.COLOR_RGB2GRAY), np.uint8)
+
 
 def _compare(disparity: FloatImage, right: FloatImage, limits: tuple[int, int], threads: int) -> ByteImage:
     status = np.empty(disparity.shape, np.uint8)
@@ -197,12 +221,13 @@ def _planes(
     seen: FloatImage,
     usable: Mask,
     blank: Mask,
+    moved: FloatImage | None,
     limits: tuple[int, int],
     schedule: Schedule,
     seed: int,
     threads: int,
-) -> tuple[FloatImage, FloatImage, int]:
-    """Cover a view with planes: its map, what each pixel costs, and the energy in units."""
+) -> Labelling:
+    """Cover a view with planes."""
     first = fill_background(np.where(usable, seen, np.float32(np.nan)))
     view = _view(eye, other, limits, threads)
     state = Labelling(
@@ -213,9 +238,10 @@ def _planes(
         np.float32(BEND),
         np.float32(schedule.units),
     )
-    refine(schedule.passes, schedule.least_gain, seed, first, usable, blank, view, state, threads)
-    data, smooth = energy(state)
-    return disparity_of(state.planes), state.costs, data + smooth
+    passes = schedule.passes if moved is None else schedule.following
+    sources = Sources(first, usable, state.planes if moved is None else moved)
+    refine(passes, schedule.least_gain, seed, sources, blank, view, state, threads)
+    return state
 
 
 def _view(eye: _Eye, other: _Eye, limits: tuple[int, int], threads: int) -> View:

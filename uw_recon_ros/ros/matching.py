@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from uw_recon_ros.match.methods import EFFORTS
+from uw_recon_ros.match.sequence import MatchSequence
 from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.node_params import RateParams
 from uw_recon_ros.ros.diagnostics import Diagnostics
@@ -35,6 +36,7 @@ class NodeMatcher:
                 efforts = EFFORTS[: EFFORTS.index(params.effort) + 1]
             self._governor = EffortGovernor(efforts, 1 / rate.target_rate_hz)
         self._matches = {effort: Match(replace(params, effort=effort)) for effort in efforts}
+        self._sequence = MatchSequence()
         self._matched = False
 
     @property
@@ -50,7 +52,7 @@ class NodeMatcher:
     def __call__(self, pair: RectifiedPair) -> DisparityMap:
         """Match one pair."""
         self._matched = True
-        return self._matches[self.effort](pair)
+        return self._sequence(self._matches[self.effort], pair)
 
     def finished(self, took_s: float, diagnostics: Diagnostics) -> None:
         """Take note of how long the node's work on a frame took, s, and report."""

@@ -2,17 +2,37 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros.jit import kernel
 from uw_recon_ros.types import FloatImage, Mask
 
-FIT, POINTS, OWN, NEAR, SHAKEN = 0, 1, 2, 3, 4  #: ways to propose a plane
+FIT, POINTS, OWN, NEAR, SHAKEN, BEFORE = 0, 1, 2, 3, 4, 5  #: ways to propose a plane
 STEEPEST = 2.0  #: px of disparity a px
 AGREEING = 1.0  #: disparities this near to a plane are used to fit it, px
 
 Random = NDArray[np.uint64]
+
+
+class Sources(NamedTuple):
+    """Where planes come from, besides the labelling itself.
+
+    Parameters
+    ----------
+    disparity : (H, W) float32
+        Map that planes are fitted to, px, NaN nowhere.
+    usable : (H, W) bool
+        Where it is to be trusted.
+    before : (3, H, W) float32
+        Planes of the frame before, NaN where there are none; for the passes that propose these.
+    """
+
+    disparity: FloatImage
+    usable: Mask
+    before: FloatImage
 
 
 @kernel(allocates=False)
@@ -45,13 +65,13 @@ def _signed(random: Random) -> np.float32:
 
 @kernel
 def propose(  # type: ignore[no-untyped-def]
-    way, trial, top, bottom, left, right, reach, planes, disparity, usable, random
+    way, trial, top, bottom, left, right, reach, planes, sources, random
 ):
     """A plane (a, b, c) for a tile, and whether there is one.
 
-    `planes` is the labelling, `disparity` (NaN nowhere) where `usable` says so the map it started from; `reach` is how
-    far beyond the tile to look.
+    `planes` is the labelling, `reach` how far beyond the tile to look.
     """
+    disparity, usable = sources.disparity, sources.usable
     height, width = disparity.shape
     v, u = top + draw(bottom - top, random), left + draw(right - left, random)
     if way == NEAR:
@@ -60,6 +80,9 @@ def propose(  # type: ignore[no-untyped-def]
     a, b, c = planes[0, v, u], planes[1, v, u], planes[2, v, u]
     if way == SHAKEN:
         return _shake(a, b, c, v, u, trial, random)
+    if way == BEFORE:
+        a, b, c = sources.before[0, v, u], sources.before[1, v, u], sources.before[2, v, u]
+        return a, b, c, np.isfinite(c)
     if way == FIT:
         return _fit(v, u, 4 + draw(12, random), disparity, usable)
     if way == POINTS:

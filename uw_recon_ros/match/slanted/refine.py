@@ -13,7 +13,7 @@ from uw_recon_ros.jit import kernel
 from uw_recon_ros.match.slanted.grid_cut import Grid, make_grid
 from uw_recon_ros.match.slanted.moves import Labelling, expand, possible_gain, take_cheaper
 from uw_recon_ros.match.slanted.plane_cost import Desk, View, make_desk, plane_cost
-from uw_recon_ros.match.slanted.proposals import disparities, propose, seed_random
+from uw_recon_ros.match.slanted.proposals import Sources, disparities, propose, seed_random
 from uw_recon_ros.match.slanted.workers import share
 from uw_recon_ros.types import FloatImage, Mask
 
@@ -27,7 +27,7 @@ class Pass(NamedTuple):
     Parameters
     ----------
     way : int
-        How planes are proposed: FIT, POINTS, OWN, NEAR or SHAKEN of `proposals`.
+        How planes are proposed: FIT, POINTS, OWN, NEAR, SHAKEN or BEFORE of `proposals`.
     planes : int
         Proposals a tile.
     cut : bool
@@ -71,15 +71,14 @@ def run_tiles(
     cut: bool,
     least_gain: float,
     seed: int,
-    disparity: FloatImage,
-    usable: Mask,
+    sources: Sources,
     view: View,
     state: Labelling,
     desk: Desk,
     grid: Grid,
 ) -> None:
     """Try planes in some tiles, one after the other."""
-    height, width = disparity.shape
+    height, width = state.costs.shape
     random = np.zeros(1, np.uint64)
     for n in range(tiles.shape[0]):
         row, last_row, column, last_column = tiles[n, 0], tiles[n, 1], tiles[n, 2], tiles[n, 3]
@@ -88,7 +87,7 @@ def run_tiles(
         seed_random(seed, row, column, random)
         for trial in range(planes):
             a, b, c, found = propose(
-                way, trial, row, last_row, column, last_column, CELL, state.planes, disparity, usable, random
+                way, trial, row, last_row, column, last_column, CELL, state.planes, sources, random
             )
             if not found:
                 continue
@@ -103,8 +102,7 @@ def refine(
     passes: Sequence[Pass],
     least_gain: float,
     seed: int,
-    disparity: FloatImage,
-    usable: Mask,
+    sources: Sources,
     blank: Mask,
     view: View,
     state: Labelling,
@@ -118,15 +116,14 @@ def refine(
     least_gain : float
         A plane that could save less data cost than this in a tile is not tried by a cut.
     seed : int
-    disparity : (H, W) float32
-        Map that planes are fitted to, px; `usable` (H, W) bool says where.
+    sources : Sources
     blank : (H, W) bool
         Nothing is cut in tiles that lie within it altogether: what they show is left out of the result.
     view : View
     state : Labelling
     threads : int
     """
-    height, width = disparity.shape
+    height, width = blank.shape
     side = CELL + 2 * MARGIN
     memory = [(make_desk(side), make_grid(side)) for _ in range(threads)]
     for number, one in enumerate(passes):
@@ -138,9 +135,7 @@ def refine(
                 desk, grid = memory[worker]
                 mine = np.ascontiguousarray(group[worker::threads])
                 seeds = seed * 1000 + number
-                run_tiles(
-                    mine, one.way, one.planes, one.cut, least_gain, seeds, disparity, usable, view, state, desk, grid
-                )
+                run_tiles(mine, one.way, one.planes, one.cut, least_gain, seeds, sources, view, state, desk, grid)
 
             share(work, range(threads), threads)
 
