@@ -41,6 +41,9 @@ class CameraParams(Params):
         "Which of image_raw and image_raw/compressed is read; auto takes image_raw where it has a publisher.",
         choices=("auto", "raw", "compressed"),
     )
+    max_rate_hz: float = param(
+        0.0, "Pairs a second worked on at most, the others passed over; 0: no limit.", unit="Hz", low=0, high=1e3
+    )
 
 
 @dataclass(frozen=True)

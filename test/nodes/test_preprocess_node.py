@@ -15,7 +15,7 @@ from sensor_msgs.msg import CompressedImage, Image
 from uw_recon_ros.nodes.preprocess_node import PreprocessNode
 from uw_recon_ros.preprocess.stage import Preprocess, PreprocessParams
 from uw_recon_ros.ros import messages
-from uw_recon_ros.ros.diagnostics import SUPERSEDED
+from uw_recon_ros.ros.diagnostics import PASSED_OVER, SUPERSEDED
 from uw_recon_ros.types import StereoPair
 
 SECOND = 1_000_000_000
@@ -57,6 +57,19 @@ def test_the_node_publishes_what_the_stage_makes(bench: Bench) -> None:
     assert heard["left/image_enhanced"][0].encoding == "bgr8"
     assert heard["left/image_matching"][0].encoding == "mono8"
     assert node.diagnostics.drops == {}
+
+
+def test_cameras_faster_than_asked_for_are_passed_over(bench: Bench) -> None:
+    node = bench.start(PreprocessNode, max_rate_hz=0.01)
+    heard = bench.listen(Image, "left/image_enhanced")
+    cameras = Cameras(bench)
+    bench.connected(cameras.left, cameras.right)
+    for number in range(1, 4):
+        cameras.send(number * SECOND)
+    bench.spin_until(lambda: node.diagnostics.drops == {PASSED_OVER: 2} and heard)
+    node.set_parameters([Parameter("max_rate_hz", value=0.0)])
+    cameras.send(4 * SECOND)
+    bench.spin_until(lambda: [messages.stamp_ns(m) for m in heard] == [SECOND, 4 * SECOND])
 
 
 def test_it_subscribes_only_while_somebody_listens(bench: Bench) -> None:

@@ -13,7 +13,9 @@ _OK, _WARN, _ERROR = 0, 1, 2
 #: Standing problems that only say that nothing usable comes in: what keeps it from coming is found upstream.
 _WAITING = ("silent", "unpaired")
 #: The graph's way to keep up, no fault.
-_HARMLESS = frozenset({"superseded by newer", "no partner within tolerance", "deactivated meanwhile"})
+_HARMLESS = frozenset((
+    "superseded by newer", "no partner within tolerance", "deactivated meanwhile", "passed over: more than max_rate_hz",
+))  # fmt: skip
 EXCHANGE = "exchange the topics of left and right, or the calibrations"
 _LOOK = "look at its log, restart it"
 _MOVES = {"unconfigured": ("configure", "activate"), "inactive": ("activate",)}

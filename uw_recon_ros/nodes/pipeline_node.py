@@ -67,8 +67,9 @@ class PipelineNode(StageNode[Stages]):
         )
 
     def adapt_inputs(self, params: ParameterSet) -> None:
-        """Take the image transport that is asked for; listen to calibrations only where they are used."""
+        """Take the image transport and the rate that are asked for; listen to calibrations only where they are used."""
         self.inputs.accepts = preprocess_node.camera_filter(params[CameraParams])
+        self.inputs.pace.limit_hz = params[CameraParams].max_rate_hz
         self.inputs.ignored = rectify_node.unwanted_infos(params[RectifyParams])
 
     def warm_up(self, stage: Stages) -> None:

@@ -63,8 +63,9 @@ class PreprocessNode(StageNode[Preprocess]):
         return Preprocess(params[PreprocessParams])
 
     def adapt_inputs(self, params: ParameterSet) -> None:
-        """Take the image transport that is asked for."""
+        """Take the image transport and the rate that are asked for."""
         self.inputs.accepts = camera_filter(params[CameraParams])
+        self.inputs.pace.limit_hz = params[CameraParams].max_rate_hz
 
     def work(self, stage: Preprocess, group: Group, outputs: Outputs) -> int:
         """Enhance one pair."""

@@ -39,7 +39,9 @@ OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.E
 SUPERSEDED, NO_PARTNER = "superseded by newer", "no partner within tolerance"
 #: Nor is what was under way, or waiting, when the node was deactivated.
 DEACTIVATED = "deactivated meanwhile"
-_NO_FAULT = (SUPERSEDED, NO_PARTNER, DEACTIVATED)
+#: What `max_rate_hz` asks for.
+PASSED_OVER = "passed over: more than max_rate_hz"
+_NO_FAULT = (SUPERSEDED, NO_PARTNER, DEACTIVATED, PASSED_OVER)
 _WINDOW_TICKS = 10
 _RECENT = 50
 _MOST_KEYS = 256  # of lines kept apart by a throttle: a stream of ever new reasons must not fill the memory

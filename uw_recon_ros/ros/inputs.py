@@ -11,8 +11,9 @@ from rclpy.node import Node
 
 from uw_recon_ros.errors import MessageError
 from uw_recon_ros.ros.assembly import Assembler, Group
-from uw_recon_ros.ros.diagnostics import Diagnostics
+from uw_recon_ros.ros.diagnostics import PASSED_OVER, Diagnostics
 from uw_recon_ros.ros.messages import received_stamp_ns
+from uw_recon_ros.ros.pace import Pace
 from uw_recon_ros.ros.qos import ReliableFirst
 from uw_recon_ros.ros.stalls import in_one_line, why_silent, why_unpaired
 from uw_recon_ros.ros.topics import Input, Source
@@ -61,6 +62,8 @@ class Inputs:
         Whether a `Source` may be taken at present.
     stall_s : float
         Silence before a warning, s.
+    pace : Pace
+        Which groups are delivered.
     """
 
     def __init__(
@@ -79,6 +82,7 @@ class Inputs:
         self.ignored: frozenset[str] = frozenset()
         self.accepts: Callable[[Source], bool] = lambda source: True
         self.stall_s = 5.0
+        self.pace = Pace()
         self._last_group = 0.0
 
     def activate(self) -> None:
@@ -169,7 +173,10 @@ class Inputs:
     def _deliver(self, group: Group) -> None:
         self._last_group = time.monotonic()
         self._diagnostics.count("in groups")
-        self._downstream(group)
+        if self.pace.lets_through():
+            self._downstream(group)
+        else:
+            self._diagnostics.drop(PASSED_OVER)
 
     def _look_for_stalls(self) -> None:
         now = time.monotonic()
