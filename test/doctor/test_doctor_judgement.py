@@ -70,6 +70,9 @@ def test_nothing_at_all_is_seen() -> None:
     line = cause(Observation(surroundings=around))
     assert "no other node is seen (ROS_DOMAIN_ID 7" in line
     assert "LOCALHOST sees this machine only" in line
+    elsewhere = replace(around, udp_ports=(53, 7400, 7410 + 250 * 7, 8660, 8661, 7400 + 250 * 60 + 200))
+    line = cause(Observation(surroundings=elsewhere))
+    assert "but DDS is at work in domain 5 on this machine -> ROS_DOMAIN_ID=5 uw_recon doctor" in line
     assert "multicast" in cause(Observation(surroundings=replace(around, discovery_range="")))
 
 
@@ -326,6 +329,13 @@ def test_a_refused_rectification() -> None:
     assert "EstimationError x12" in line
     assert "superseded" not in line
     assert "-> exchange the topics of left and right" in line
+
+
+def test_frames_given_up_so_far_are_told() -> None:
+    drops = {"dropped: lost on the way: left/image_raw": "7", "dropped: superseded by newer": "30"}
+    seen = with_node(healthy(), "preprocess_node", statuses=(Status(0, "working", drops),))
+    (line,) = [f.text for f in diagnose(seen).findings if f.stage == "preprocess"]
+    assert line.endswith("given up so far: lost on the way: left/image_raw x7")
 
 
 def test_what_a_working_node_warns_of() -> None:

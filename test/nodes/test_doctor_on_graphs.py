@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -15,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 import rclpy
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
@@ -23,6 +25,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from ros_bench import Bench, banded_pair, color, infos, stamped
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 
 from uw_recon_ros.doctor.chain import LISTENED, PIPELINE, STAGES, TYPES
@@ -198,6 +201,26 @@ def test_stamps_apart(bench: Bench, rig: Rig, examine: Any) -> None:
     assert "left and right 20.0 ms (median), pair_tolerance_ms is 1" in line
 
 
+def test_the_tolerance_is_the_nodes_own(bench: Bench, rig: Rig, examine: Any) -> None:
+    rig.apart_ms = 20.0
+    rig.start()
+    bench.start(PipelineNode, **FAST, pair_tolerance_ms=25.0)
+    diagnosis = examine()
+    assert diagnosis.healthy, as_table(diagnosis)
+    assert "stamps pair up: 20 ms apart (pair_tolerance_ms 25)" in as_table(diagnosis)
+
+
+def test_a_paused_replay(bench: Bench, examine: Any) -> None:
+    for eye in ("left", "right"):
+        bench.talk(Image, f"{eye}/image_raw")
+    clock = bench.outsider.create_publisher(Clock, "/clock", 1)
+    bench.outsider.create_timer(0.05, lambda: clock.publish(Clock(clock=Time(sec=7))))
+    bench.start(PreprocessNode)
+    line = cause(examine("stands still"))
+    assert "but no message in" in line
+    assert "resume the bag or simulation: it is paused" in line
+
+
 def test_a_calibration_of_noughts(bench: Bench, rig: Rig, examine: Any) -> None:
     rig.zero_k = True
     rig.start()
@@ -272,6 +295,7 @@ def test_the_command_alone_in_its_domain(bench: Bench) -> None:
     told = doctor(bench, "--seconds", "0.5", ROS_DOMAIN_ID=other)
     assert told.returncode == 1
     assert told.stdout.splitlines()[-1].startswith("most likely cause: no other node is seen (ROS_DOMAIN_ID")
+    assert re.search(rf"at work in domain .*\b{os.environ['ROS_DOMAIN_ID']}\b", told.stdout)
     assert told.stderr == ""
 
 

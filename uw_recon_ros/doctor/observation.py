@@ -150,7 +150,7 @@ class ClockSight:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """Machine and middleware, as this process has them."""
+    """Machine and middleware, as this process has them; `udp_ports` are those in use on this machine."""
 
     domain: str = "0"
     discovery_range: str = ""
@@ -158,6 +158,7 @@ class Surroundings:
     profile: str = ""
     shm_free_bytes: int | None = None
     nodes_seen: int = 1
+    udp_ports: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -42,16 +42,21 @@ def _lifecycle(stage: Stage, node: GraphNode) -> Iterator[Finding]:
 
 def _status(stage: Stage, node: GraphNode, status: Status) -> Iterator[Finding]:
     """What the node itself complains of."""
-    drops = {k.removeprefix("dropped: "): v for k, v in status.values.items() if k.startswith("dropped: ")}
     if status.level >= _ERROR:
-        kinds = [f"{reason} x{number}" for reason, number in drops.items() if reason not in _HARMLESS]
-        counted = f" ({', '.join(kinds)})" if kinds else ""
+        kinds = _faults(status)
+        counted = f" ({kinds})" if kinds else ""
         yield fail(stage.label, f"{node.name} refuses every frame: {status.message}{counted}", _remedy(status.message))
     elif status.level == _WARN:
         waiting = any(key in status.values for key in _WAITING)
         yield warn(
             stage.label, f"{node.name}: {status.message}", "" if waiting else _remedy(status.message), symptom=waiting
         )
+
+
+def _faults(status: Status) -> str:
+    """Frames given up since the node's start, by reason, overtaken ones left out."""
+    drops = {k.removeprefix("dropped: "): v for k, v in status.values.items() if k.startswith("dropped: ")}
+    return ", ".join(f"{reason} x{number}" for reason, number in drops.items() if reason not in _HARMLESS)
 
 
 def _remedy(message: str) -> str:
@@ -85,6 +90,8 @@ def _works(stage: Stage, topic: Topic, status: Status | None) -> Finding:
     said = [f"{name} {facts[name]}" for name in _FACTS.get(stage.label, ()) if name in facts]
     makers = ", ".join(end.node for end in topic.publishers) or "a node that has gone"
     text = f"{topic.name}: {topic.arrivals.rate_hz:.1f} Hz from {makers}"
+    if status and _faults(status):
+        said.append(f"given up so far: {_faults(status)}")
     return ok(stage.label, ", ".join([text, *said]))
 
 
