@@ -38,5 +38,8 @@ docs: $(VENV)/.ready  ## write config/PARAMETERS.md and config/default.yaml from
 bags: $(VENV)/.ready  ## make the sample bags anew
 	$(BIN)/python bags/make_bags.py
 
+warmup: $(VENV)/.ready  ## compile the kernels now rather than at the first call
+	$(BIN)/uw_recon warmup
+
 clean:  ## remove what was made, the virtual environment included
 	rm -rf $(VENV) demo_out bench_out build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -29,16 +29,17 @@ MAY_IMPORT = {
     "node_params": NOUNS,
     "catalogue": NOUNS | STAGE_ROOMS | NODE_PARAMS,
     "pipeline": OFFLINE,
+    "warm": NOUNS | STAGE_ROOMS,
     "bags": NOUNS | {"bags"},
     "simulate": NOUNS | {"simulate", "bags"},
     "report": NOUNS | {"report"},
-    "pair": OFFLINE | {"report"},
+    "pair": OFFLINE | {"report", "warm"},
     "doctor": NOUNS | {"rectify", "node_params", "doctor"},
     "ros": NOUNS | STAGE_ROOMS | NODE_PARAMS | {"ros", "doctor"},
     "nodes": OFFLINE | {"ros", "nodes", "bags"},
     "survey": OFFLINE | {"survey", "bags", "report"},
     "executables": {"", "signals"},
-    "cli": OFFLINE | {"pair", "bags", "simulate", "report", "survey", "doctor", "ros"},
+    "cli": OFFLINE | {"pair", "warm", "bags", "simulate", "report", "survey", "doctor", "ros"},
 }
 ROS_PACKAGES = re.compile(r"rclpy|rcl_interfaces|builtin_interfaces|ament_index_python|\w+_msgs|std_srvs|launch(_ros)?")
 MODULES = sorted(PACKAGE.rglob("*.py"))

@@ -24,7 +24,7 @@ import threading
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar, overload
+from typing import Any, NamedTuple, ParamSpec, TypeVar, overload
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -75,6 +75,28 @@ from numba.core.cpu import CPUTargetOptions  # noqa: E402
 
 _OPTIONS = dir(CPUTargetOptions)  # do without those that this numba does not know: ``_nrt`` is private
 _digests: dict[Path, str] = {}
+_kernels: list[Any] = []
+
+
+class CacheUse(NamedTuple):
+    """What this process has compiled, and what it found compiled: numbers of signatures of kernels."""
+
+    compiled: int
+    loaded: int
+
+
+def cache_use() -> CacheUse:
+    """Of all kernels so far."""
+    stats = [kernel.stats for kernel in _kernels]
+    return CacheUse(*(sum(sum(counts.values()) for counts in kind) for kind in (
+        [s.cache_misses for s in stats], [s.cache_hits for s in stats])))  # fmt: skip
+
+
+def is_cold(folder: Path) -> bool:
+    """Whether nothing is kept yet of the kernels of a package folder: the first call will compile."""
+    if CACHE_DIRECTORY is None:
+        return True
+    return not any((CACHE_DIRECTORY / f"{folder.name}-{_digest(folder)}").rglob("*.nbc"))
 
 
 def _digest(folder: Path) -> str:
@@ -142,6 +164,8 @@ def _compile(function: Callable[..., Any], options: dict[str, Any]) -> Any:
         directory, before = _cache_for(function), numba.config.CACHE_DIR
         numba.config.CACHE_DIR = str(directory or "")
         try:
-            return numba.njit(function, cache=directory is not None, **options)
+            compiled = numba.njit(function, cache=directory is not None, **options)
+            _kernels.append(compiled)
+            return compiled
         finally:
             numba.config.CACHE_DIR = before

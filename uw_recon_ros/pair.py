@@ -23,6 +23,7 @@ from uw_recon_ros.reconstruct.export import write_glb, write_ply
 from uw_recon_ros.report.figures import colorize_disparity
 from uw_recon_ros.report.pair import write_pair_page
 from uw_recon_ros.types import RectificationQuality, RectifiedPair, StereoGeometry, StereoPair
+from uw_recon_ros.warm import tell_if_cold
 
 Report = dict[str, Any]
 
@@ -133,6 +134,7 @@ def reconstruct_files(
     output = Path(output)
     pair = read_pair(left, right, calibration)
     _claim(output, overwrite)
+    tell_if_cold(say)
     try:
         result = Pipeline(params)(pair, announce=lambda stage: say(f"{stage} ..."))
     except ReconError as error:
@@ -162,6 +164,7 @@ def match_files(left: str | Path, right: str | Path, output: str | Path, params:
     shown = np.zeros((height, width, 3), np.uint8)  # texture, which matching does without
     rectified = RectifiedPair(shown, shown, pair.left, pair.right, geometry, RectificationQuality("given"))
     match = Match(params)
+    tell_if_cold(say)
     match.warm_up()
     started = time.perf_counter()
     result = match(rectified)

@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import match_tables
 import numpy as np
 from drowned_pairs import STEREO, Image, pairs
-from match_tables import markdown
 from matching import peak_mb
 from peers import METHODS, ROOT
 
@@ -110,32 +110,6 @@ def hard(effort: str) -> list[Row]:
     return rows
 
 
-def growth_table(rows: list[Row]) -> str:
-    """CPU seconds on one thread, wall seconds on two, MB."""
-    head = ("matcher", "pixels", "labels", "CPU s, one thread", "wall s, two", "ns a voxel", "MB")
-    lines = []
-    for one in (row for row in rows if row["threads"] == 1):
-        key = {k: one[k] for k in ("method", "width", "height", "labels")}
-        two = next(r for r in rows if r["threads"] == 2 and all(r[k] == v for k, v in key.items()))
-        voxels = one["width"] * one["height"] * one["labels"]
-        size = f"{one['width']} x {one['height']}"
-        lines.append((one["method"], size, one["labels"], f"{one['cpu_s']:.2g}", f"{two['wall_s']:.2g}",
-                       f"{1e9 * one['cpu_s'] / voxels:.0f}", f"{two['memory_mb']:.0f}"))  # fmt: skip
-    return markdown(head, lines)
-
-
-def hard_table(rows: list[Row]) -> str:
-    """One line an input."""
-    efforts = list(dict.fromkeys(row["effort"] for row in rows))
-    head = ["input (450 x 375, 60 labels)", *(f"{e}: CPU s (over teddy's), planes to cut, density %" for e in efforts)]
-    lines = []
-    for name in dict.fromkeys(row["input"] for row in rows):
-        of = [row for row in rows if row["input"] == name]
-        cells = (f"{r['cpu_s']:.2g} ({r['over_teddy']:.1f}), {r['planes']}, {r['density_percent']:.0f}" for r in of)
-        lines.append((name, *cells))
-    return markdown(head, lines)
-
-
 def main() -> int:
     """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -160,7 +134,7 @@ def main() -> int:
     args.output.mkdir(parents=True, exist_ok=True)
     result = {"growth": growth, "hard": difficult}
     (args.output / "match_growth.json").write_text(json.dumps(result, indent=1))
-    sys.stdout.write(f"{growth_table(growth)}\n\n{hard_table(difficult)}\n")
+    sys.stdout.write(f"{match_tables.growth(growth)}\n\n{match_tables.hard_inputs(difficult)}\n")
     return 0
 
 

@@ -1,4 +1,4 @@
-"""Markdown tables of what `matching.py` measured."""
+"""Markdown tables of what `matching.py`, `match_growth.py` and `match_startup.py` measured."""
 
 from __future__ import annotations
 
@@ -116,3 +116,37 @@ def under_water(rows: list[Row]) -> str:
 def everything(rows: list[Row]) -> str:
     """All tables."""
     return "\n\n".join(table(rows) for table in (in_air, under_water, summary, details)) + "\n"
+
+
+def growth(rows: list[Row]) -> str:
+    """CPU seconds on one thread, wall seconds on two, MB."""
+    head = ("matcher", "pixels", "labels", "CPU s, one thread", "wall s, two", "ns a voxel", "MB")
+    lines = []
+    for one in (row for row in rows if row["threads"] == 1):
+        key = {k: one[k] for k in ("method", "width", "height", "labels")}
+        two = next(r for r in rows if r["threads"] == 2 and all(r[k] == v for k, v in key.items()))
+        voxels = one["width"] * one["height"] * one["labels"]
+        size = f"{one['width']} x {one['height']}"
+        lines.append((one["method"], size, one["labels"], f"{one['cpu_s']:.2g}", f"{two['wall_s']:.2g}",
+                       f"{1e9 * one['cpu_s'] / voxels:.0f}", f"{two['memory_mb']:.0f}"))  # fmt: skip
+    return markdown(head, lines)
+
+
+def hard_inputs(rows: list[Row]) -> str:
+    """One line an input."""
+    efforts = list(dict.fromkeys(row["effort"] for row in rows))
+    head = ["input (450 x 375, 60 labels)", *(f"{e}: CPU s (over teddy's), planes to cut, density %" for e in efforts)]
+    lines = []
+    for name in dict.fromkeys(row["input"] for row in rows):
+        of = [row for row in rows if row["input"] == name]
+        cells = (f"{r['cpu_s']:.2g} ({r['over_teddy']:.1f}), {r['planes']}, {r['density_percent']:.0f}" for r in of)
+        lines.append((name, *cells))
+    return markdown(head, lines)
+
+
+def startup(rows: list[Row]) -> str:
+    """One line a situation."""
+    head = ("a fresh process", "CPU s", "wall s", "compiled", "from the cache")
+    return markdown(
+        head, ((r["what"], f"{r['cpu_s']:.2g}", f"{r['wall_s']:.2g}", r["misses"], r["hits"]) for r in rows)
+    )

@@ -1,0 +1,49 @@
+"""The user is told what is compiled, and can have it done beforehand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from uw_recon_ros import jit, pair, warm
+from uw_recon_ros.cli import main
+from uw_recon_ros.images import write_image
+
+
+def test_empty_cache_is_announced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    said: list[str] = []
+    monkeypatch.setattr(jit, "CACHE_DIRECTORY", tmp_path)
+    monkeypatch.setattr(warm, "CACHE_DIRECTORY", tmp_path)
+    warm.tell_if_cold(said.append)
+    assert said == [f"compiling the kernels: half a minute or more, this once, kept in {tmp_path}"]
+    monkeypatch.setattr(jit, "CACHE_DIRECTORY", None)
+    monkeypatch.setattr(warm, "CACHE_DIRECTORY", None)
+    warm.tell_if_cold(said.append)
+    assert said[1].endswith("every time: no directory can be written")
+
+
+def test_disparity_says_that_it_compiles_only_where_it_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    image = np.random.RandomState(1).randint(0, 256, (40, 60)).astype(np.uint8)
+    for eye in ("left", "right"):
+        write_image(tmp_path / f"{eye}.png", image)
+    command = ["disparity", str(tmp_path / "left.png"), str(tmp_path / "right.png"), "--max-disparity", "8"]
+    command += ["--effort", "navigation", "-o", str(tmp_path / "d.pfm")]
+    assert main(command) == 0  # compiles, if nothing has yet
+    capsys.readouterr()
+    assert main(command) == 0
+    assert "compiling" not in capsys.readouterr().err
+    monkeypatch.setattr(pair, "tell_if_cold", lambda say: say("compiling the kernels"))
+    assert main(command) == 0
+    assert "compiling the kernels" in capsys.readouterr().err
+
+
+def test_warmup_command(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["warmup"]) == 0
+    words = capsys.readouterr().out.split()
+    assert words[1:3] == ["kernels", "compiled,"]
+    assert int(words[0]) + int(words[3]) > 20
+    assert words[-1] == str(jit.CACHE_DIRECTORY)

@@ -1,0 +1,28 @@
+"""Compiling before it is waited for, and saying so."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from uw_recon_ros import match
+from uw_recon_ros.jit import CACHE_DIRECTORY, CacheUse, cache_use, is_cold
+from uw_recon_ros.match.methods import METHODS
+from uw_recon_ros.match.stage import Match, MatchParams
+from uw_recon_ros.reconstruct.stage import Reconstruct
+
+
+def warm_up() -> CacheUse:
+    """Have every kernel of the stages compiled and kept; return what had to be."""
+    for method in METHODS:
+        Match(MatchParams(method=method)).warm_up()
+    Reconstruct().warm_up()
+    return cache_use()
+
+
+def tell_if_cold(say: Callable[[str], None]) -> None:
+    """Say what the first call after an installation waits for."""
+    folder = Path(match.__path__[0])
+    if is_cold(folder) or is_cold(folder / "slanted"):
+        kept = f"kept in {CACHE_DIRECTORY}" if CACHE_DIRECTORY else "every time: no directory can be written"
+        say(f"compiling the kernels: half a minute or more, {'this once, ' if CACHE_DIRECTORY else ''}{kept}")
