@@ -7,7 +7,8 @@ from setuptools import find_packages, setup
 
 NAME = "uw_recon_ros"
 NODES = ["preprocess_node", "rectify_node", "disparity_node", "point_cloud_node", "pipeline_node", "bag_player_node"]
-MESSAGES = ["sensor-msgs", "stereo-msgs", "diagnostic-msgs", "std-srvs", "visualization-msgs", "rosgraph-msgs"]
+MESSAGES = ["sensor-msgs", "stereo-msgs", "diagnostic-msgs", "std-srvs", "visualization-msgs"]
+MESSAGES += ["rosgraph-msgs", "lifecycle-msgs"]
 DASK, LAZ = ["distributed>=2024.1"], ["laspy>=2.5", "lazrs>=0.5"]
 TEST = [
     "pytest>=7.4",

@@ -4,27 +4,39 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from types import FrameType
 
 #: Seconds from the signal until the process leaves whatever it is doing.
-PATIENCE_S = 1.5
+PATIENCE_S = 1.2
 
 _came = threading.Event()
-_leave: Callable[[int], None] = os._exit
 
 
-def note(leave: Callable[[int], None] = os._exit) -> None:
-    """Note the signals from now on, for good. Call in the main thread; again to replace `leave`.
+def leave(code: int) -> None:
+    """End the process without the interpreter's farewell, which takes its time and trips over threads at work."""
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):  # closed, or nobody reads it
+            stream.flush()
+    os._exit(code)
+
+
+_last_resort: Callable[[int], None] = leave
+
+
+def note(last_resort: Callable[[int], None] = leave) -> None:
+    """Note the signals from now on, for good. Call in the main thread; again to replace `last_resort`.
 
     Parameters
     ----------
-    leave : callable
+    last_resort : callable
         Ends the process with exit code 0 from another thread, where the main thread does not come to it in time.
     """
-    global _leave
-    _leave = leave
+    global _last_resort
+    _last_resort = last_resort
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _on_signal)
 
@@ -37,6 +49,6 @@ def came() -> bool:
 def _on_signal(number: int, frame: FrameType | None) -> None:
     if not _came.is_set():
         _came.set()
-        last_resort = threading.Timer(PATIENCE_S, lambda: _leave(0))
-        last_resort.daemon = True
-        last_resort.start()
+        timer = threading.Timer(PATIENCE_S, lambda: _last_resort(0))
+        timer.daemon = True
+        timer.start()

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_manager import CONFIGURE, SHUTDOWN, Manager
 from ros_bench import color, infos, mono, texture
 from sensor_msgs.msg import CameraInfo, Image
@@ -47,25 +46,6 @@ def end(executables: list[Any], number: int) -> None:
         assert executable.wait() == 0, f"{executable.name}:\n{executable.output}"
         assert not any(sign in executable.output for sign in SIGNS_OF_A_CRASH), executable.output
     assert time.monotonic() - began < IMPATIENT_S
-
-
-class Status:
-    """The last diagnostics of every node."""
-
-    def __init__(self, graph: Any) -> None:
-        self._values: dict[str, dict[str, str]] = {}
-        graph.bench.outsider.create_subscription(DiagnosticArray, "/diagnostics", self._take, 50)
-
-    def _take(self, message: DiagnosticArray) -> None:
-        for status in message.status:
-            self._values[status.name.lstrip("/")] = {pair.key: pair.value for pair in status.values}
-
-    def busy(self, name: str) -> bool:
-        """Whether frames come faster than they are worked on."""
-        return self.of(name, f"dropped: {SUPERSEDED}") != ""
-
-    def of(self, name: str, key: str) -> str:
-        return self._values.get(name, {}).get(key, "")
 
 
 @BOTH
@@ -110,7 +90,7 @@ class Source:
 @BOTH
 def test_at_work(graph: Any, number: int) -> None:
     """Large images come faster than the stages are; the player plays."""
-    status, source = Status(graph), Source(graph)
+    source = Source(graph)
     for name in ("preprocess_node", "pipeline_node"):
         start(graph, name)
     start(graph, "disparity_node", "--ros-args", "-p", "effort:=quality", "-p", "max_disparity:=128")
@@ -118,8 +98,12 @@ def test_at_work(graph: Any, number: int) -> None:
     heard = {topic: graph.bench.listen(Image, topic) for topic in ("elsewhere/left/image_raw", "left/image_enhanced")}
     graph.bench.listen(DisparityImage, "disparity")
     source.connect()
-    busy = ("preprocess_node", "pipeline_node", "disparity_node")
-    graph.spin_until(lambda: source.send() or all(map(status.busy, busy)), "work")
+
+    def all_busy() -> bool:
+        source.send()
+        return all(f"dropped: {SUPERSEDED}" in graph.said[f"/{node.name}"] for node in graph.started[:3])
+
+    graph.spin_until(all_busy, "work")
     graph.spin_until(lambda: heard["elsewhere/left/image_raw"], "the player")
     end(graph.started, number)
 
@@ -128,9 +112,8 @@ def test_at_work(graph: Any, number: int) -> None:
 def test_compiling(graph: Any, number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With nothing in the cache: tens of seconds of compilation lie ahead."""
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
-    status = Status(graph)
     nodes = [start(graph, name) for name in ("disparity_node", "pipeline_node")]
-    graph.spin_until(lambda: all(status.of(node.name, "warm_up") == "running" for node in nodes), "warm-up")
+    graph.spin_until(lambda: all(graph.said[f"/{node.name}"].get("warm_up") == "running" for node in nodes), "warm-up")
     end(nodes, number)
 
 
@@ -146,7 +129,7 @@ def test_in_every_state(graph: Any) -> None:
 @BOTH
 def test_while_starting(graph: Any, number: int, tmp_path: Path) -> None:
     """From the moment our code runs: modules are loaded, ROS starts, the node is made."""
-    code = "import sys; from uw_recon_ros import executables; sys.exit(executables.{}())"
+    code = "from uw_recon_ros import executables; executables.{}()"
     for place, name in enumerate(ALL):
         starting = start(graph, name, code=code.format(name))
         graph.spin_until(lambda it=starting: handles(it.process.pid, signal.SIGTERM), "the handler")

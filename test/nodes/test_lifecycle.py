@@ -82,9 +82,12 @@ class GateNode(StageNode[int]):
         self.warm.wait(30)
 
     def work(self, stage: int, group: Group, outputs: Outputs) -> int:
-        self.begun.set()
-        assert self.go_on.wait(30)
-        outputs.send("left/image_enhanced", lambda: group["left"])
+        def message() -> Image:
+            self.begun.set()
+            assert self.go_on.wait(30)
+            return group["left"]
+
+        outputs.send("left/image_enhanced", message)
         return int(group["left"].header.stamp.sec) * SECOND
 
 

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.parameter import Parameter
 from ros_bench import FRAME, HEIGHT, WIDTH, Bench, banded_pair, calibration, color, infos
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from uw_recon_ros.nodes.disparity_node import DisparityNode
 from uw_recon_ros.nodes.pipeline_node import OUTPUTS, PipelineNode
@@ -151,3 +152,34 @@ def test_it_knows_the_parameters_of_all_stages(bench: Bench) -> None:
         "image_transport",
     )
     assert all(node.has_parameter(name) for name in names)
+
+
+def test_diagnostics_say_everything_one_number_a_key(bench: Bench) -> None:
+    """Rates in and out, drops by reason, work, latency since the stamp, state and effort: for people and programs."""
+    bench.start(PipelineNode, effort="navigation", **LIMITS)
+    told = bench.listen(DiagnosticArray, "/diagnostics")
+    heard = bench.listen(PointCloud2, "points2")
+    rig = Rig(bench)
+    rig.connect(bench)
+
+    def values() -> dict[str, str]:
+        return {pair.key: pair.value for pair in told[-1].status[0].values} if told else {}
+
+    stamp = bench.outsider.get_clock().now().nanoseconds - 2 * SECOND  # two seconds on the way to us
+    rig.send(stamp)
+    bench.spin_until(lambda: heard)
+    rig.images["left"].publish(color(LEFT, stamp + SECOND))  # its partner is lost
+    rig.send(stamp + 2 * SECOND)
+    bench.spin_until(lambda: len(heard) == 2)
+    bench.spin_until(lambda: "dropped: no partner within tolerance" in values() and "latency [s]" in values())
+    said = values()
+    expected = {
+        "in left/image_raw [Hz]", "in right/image_raw [Hz]", "in left/camera_info [Hz]", "in groups [Hz]", "done [Hz]",
+        "out points2 [Hz]", "dropped [Hz]", "dropped", "dropped: no partner within tolerance",
+        *(f"{what}{spread} [s]" for what in ("work", "latency") for spread in ("", " p95", " max")),
+    }  # fmt: skip
+    assert expected <= set(said)
+    assert (said["state"], said["warm_up"], said["effort"]) == ("active", "done", "navigation")
+    numbers = {key: float(value) for key, value in said.items() if key.endswith(("[Hz]", "[s]")) or "dropped" in key}
+    assert numbers["latency max [s]"] > 2.0 > numbers["work max [s]"] > 0
+    assert numbers["dropped"] == numbers["dropped: no partner within tolerance"] == 1

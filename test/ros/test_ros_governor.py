@@ -122,7 +122,7 @@ def test_too_slow_with_the_least_effort() -> None:
 
 def test_the_first_frames_are_quick_and_the_climb_is_not_slow() -> None:
     run = Run().go(60, constant(0.005, 0.02, 0.1))
-    assert run.picked[0] == "navigation"
+    assert run.picked[:10] == ["navigation"] * 10  # a black frame at the start shows nothing
     assert run.picked[-1] == "quality"
 
 

@@ -10,7 +10,6 @@ exception not rethrown").
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 import traceback
 from collections.abc import Callable, Iterator, Sequence
@@ -59,17 +58,15 @@ def until_shutdown() -> Iterator[None]:
 def leave(code: int, *, clean: bool = True) -> int:
     """End ROS; return the exit code, or leave at once where a thread is still computing."""
     rclpy.try_shutdown()
+    transport.clean_up()
     if not clean:
-        _leave_now(code)
+        signals.leave(code)
     return code
 
 
 def _leave_now(code: int) -> None:
     transport.clean_up()
-    for stream in (sys.stdout, sys.stderr):
-        with suppress(OSError, ValueError):  # closed, or nobody reads it
-            stream.flush()
-    os._exit(code)
+    signals.leave(code)
 
 
 def command_line(about: str | None, args: Sequence[str] | None) -> None:

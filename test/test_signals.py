@@ -1,0 +1,37 @@
+"""Signals are noted, and obeyed at the latest after a while."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from uw_recon_ros import signals
+
+NOTED = "import time; from uw_recon_ros import signals; signals.note(); print('ready', flush=True); "
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    ("busy", "said"),
+    [("\nwhile not signals.came(): time.sleep(0.01)\nprint('in order')", "in order\n"), ("\nwhile True: pass", "")],
+    ids=["looks", "never looks"],
+)
+def test_a_noted_signal(number: int, busy: str, said: str) -> None:
+    process = subprocess.Popen([sys.executable, "-c", NOTED + busy], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+    began = time.monotonic()
+    process.send_signal(number)
+    process.send_signal(number)
+    try:
+        assert process.wait(30) == 0
+    finally:
+        process.kill()
+    assert process.stdout.read() == said
+    process.stdout.close()
+    if not said:
+        assert time.monotonic() - began >= 0.9 * signals.PATIENCE_S
