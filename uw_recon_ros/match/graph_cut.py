@@ -13,16 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros.match.methods import EFFORTS
+from uw_recon_ros.match.slanted.census import CLOSE, WIDE
 from uw_recon_ros.match.slanted.certainty import sigma_of
-from uw_recon_ros.match.slanted.gray import Gray, gray_pair, local_contrast
+from uw_recon_ros.match.slanted.gray import MOST, Gray, gray_pair
 from uw_recon_ros.match.slanted.motion import FrameBefore, moved_planes
 from uw_recon_ros.match.slanted.moves import Labelling, energy
-from uw_recon_ros.match.slanted.plane_cost import FORBIDDEN, QUARTERS, View, framed, weigh
+from uw_recon_ros.match.slanted.plane_cost import FORBIDDEN, OUTSIDE, QUARTERS, WORST, View, framed, weigh
 from uw_recon_ros.match.slanted.proposals import BEFORE, FIT, NEAR, OWN, POINTS, SHAKEN, Sources
 from uw_recon_ros.match.slanted.refine import Pass, disparity_of, refine
 from uw_recon_ros.match.slanted.semiglobal import Start, semiglobal_start
 from uw_recon_ros.match.slanted.support import edge_weights, inverse_size, measure_arms
 from uw_recon_ros.match.slanted.texture import untextured
+from uw_recon_ros.match.slanted.typical import typical_costs
 from uw_recon_ros.match.slanted.visible import check, contest, drop_islands, fill_background
 from uw_recon_ros.match.slanted.workers import bands, share
 from uw_recon_ros.types import ByteImage, FloatImage, Mask, Status
@@ -163,7 +165,7 @@ def _start(eyes: tuple[_Eye, _Eye], limits: tuple[int, int], threads: int) -> St
     left, right = eyes if shrink == 1 else _Eye.pair(*(_shrunk(eye.pixels, shrink) for eye in eyes))
     scale = width / left.gray.shape[1]
     low, high = math.floor(limits[0] / scale), math.ceil(limits[1] / scale)
-    start = semiglobal_start(left.planes, right.planes, left.gray, right.gray, low, high, threads)
+    start = semiglobal_start(left.planes, right.planes, left.gray, right.gray, left.noise, low, high, threads)
     if shrink == 1:
         return start
     disparity, other, curvature = (
@@ -185,7 +187,7 @@ class _Eye:
     pixels: ByteImage
     planes: ByteImage
     gray: Gray
-    noise_to_contrast: float
+    noise: float
 
     @classmethod
     def pair(cls, left: ByteImage, right: ByteImage) -> tuple[_Eye, _Eye]:
@@ -229,11 +231,11 @@ def _planes(
 ) -> Labelling:
     """Cover a view with planes."""
     first = fill_background(np.where(usable, seen, np.float32(np.nan)))
-    view = _view(eye, other, limits, threads)
+    view = _view(eye, other, seen, usable, limits)
     state = Labelling(
         np.stack([np.zeros_like(first), np.zeros_like(first), first]),
         np.full(first.shape, FORBIDDEN, np.float32),
-        edge_weights(eye.pixels),
+        edge_weights(eye.pixels, eye.noise),
         np.float32(SMOOTHNESS),
         np.float32(BEND),
         np.float32(schedule.units),
@@ -244,18 +246,25 @@ def _planes(
     return state
 
 
-def _view(eye: _Eye, other: _Eye, limits: tuple[int, int], threads: int) -> View:
+def _view(eye: _Eye, other: _Eye, seen: FloatImage, usable: Mask, limits: tuple[int, int]) -> View:
     shape = eye.gray.shape
     arms, inverse = np.empty((4, *shape), np.uint8), np.empty(shape, np.float32)
     measure_arms(eye.pixels, arms)
     inverse_size(arms, inverse)
-    samples = _between_pixels(other.gray)
-    weights = weigh(local_contrast(eye.gray), eye.noise_to_contrast)
-    return View(framed(eye.gray), *weights, samples, arms, inverse, np.float32(limits[0]), np.float32(limits[1]))
+    softness, sign = weigh(eye.noise)
+    pattern = WIDE if eye.noise > 0.5 else CLOSE
+    usual = typical_costs(eye.gray, other.gray, pattern, softness, sign, seen, usable)
+    largest = len(pattern) * (softness + sign)
+    outside = max(usual.matched, OUTSIDE / WORST * usual.cut)
+    return View(
+        framed(eye.gray), np.int16(softness), np.int16(sign), np.int16(round(usual.cut * largest)),
+        np.int16(round(outside * largest)), pattern, _between_pixels(other.gray), arms, inverse,
+        np.float32(limits[0]), np.float32(limits[1]),
+    )  # fmt: skip
 
 
 def _between_pixels(gray: Gray) -> NDArray[np.int16]:
-    """Four samples a pixel along the rows, by cubic interpolation, 1/16 gray level."""
+    """Four samples a pixel along the rows, by cubic interpolation."""
     height, width = gray.shape
     source = gray.astype(np.float32)
     flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
@@ -263,7 +272,7 @@ def _between_pixels(gray: Gray) -> NDArray[np.int16]:
     for i in range(QUARTERS):
         shift = np.array([[1, 0, i / QUARTERS], [0, 1, 0]], np.float32)
         moved = cv2.warpAffine(source, shift, (width, height), flags=flags, borderMode=cv2.BORDER_REPLICATE)
-        samples[..., i] = np.round(moved).clip(0, 4095)
+        samples[..., i] = np.round(moved).clip(-MOST, MOST)
     return np.ascontiguousarray(samples.reshape(height, -1)[:, : QUARTERS * (width - 1) + 1])
 
 

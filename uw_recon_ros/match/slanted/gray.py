@@ -8,20 +8,23 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.types import ByteImage, FloatImage
 
-LEVELS = 16  #: steps a gray level: haze leaves a contrast of two or three gray levels
+CONTRAST = 128  #: units that the median local contrast of either eye is made to be
+LEVELS = 10  #: units that are about a gray level of an image in air
 LUMINANCE = (0.299, 0.587, 0.114)
 CLEAN, NOISY = 0.2, 0.4  #: noise / contrast up to which nothing is smoothed, and from which all channels weigh alike
-SMOOTHING = 0.5  #: standard deviation of the smoothing there, px
+SMOOTHING = 0.9  #: standard deviation of the smoothing there, px
+LEAST_CONTRAST = 1.0  #: less is taken for this, gray levels
+MOST = 8000  #: units from the median, at most
 _CONTRAST_WINDOW = 9
 
 Gray = NDArray[np.int16]
 
 
 def gray_pair(left: ByteImage, right: ByteImage) -> tuple[Gray, Gray, float]:
-    """Gray images of both eyes, (H, W), 1/16 gray level, made alike; and the noise over the contrast.
+    """Gray images of both eyes, (H, W), of contrast `CONTRAST` each; and how noisy they are, from 0 to 1.
 
-    Where noise is strong against the contrast, the mean of the channels carries less of it than the luminance, and a
-    little smoothing helps the comparisons; elsewhere both would cost sharpness.
+    Where noise is strong against the contrast, the mean of the channels carries less of it than the luminance, and
+    smoothing helps the comparisons; elsewhere both would cost sharpness.
 
     Parameters
     ----------
@@ -30,7 +33,7 @@ def gray_pair(left: ByteImage, right: ByteImage) -> tuple[Gray, Gray, float]:
     """
     ratio = noise_to_contrast(mixed(left, 0))
     noise = float(np.clip((ratio - CLEAN) / (NOISY - CLEAN), 0, 1))
-    return _quantised(left, noise), _quantised(right, noise), ratio
+    return _normalised(left, noise), _normalised(right, noise), noise
 
 
 def noise_to_contrast(gray: FloatImage) -> float:
@@ -58,8 +61,9 @@ def mixed(image: ByteImage, evenness: float) -> FloatImage:
     return np.asarray(cv2.transform(image.astype(np.float32), weights[None].astype(np.float32)), np.float32)
 
 
-def _quantised(image: ByteImage, noise: float) -> Gray:
+def _normalised(image: ByteImage, noise: float) -> Gray:
     gray = mixed(image, noise)
     if noise * SMOOTHING > 0.1:
         gray = np.asarray(cv2.GaussianBlur(gray, (0, 0), noise * SMOOTHING), np.float32)
-    return np.asarray(np.round(gray * LEVELS), np.int16)
+    gain = CONTRAST / max(local_contrast(gray), LEAST_CONTRAST)
+    return np.asarray(np.round((gray - np.median(gray)) * gain).clip(-MOST, MOST), np.int16)

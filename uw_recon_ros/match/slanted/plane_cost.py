@@ -19,20 +19,17 @@ from numpy import uint64 as index  # unsigned indices spare the test for negativ
 from numpy.typing import NDArray
 
 from uw_recon_ros.jit import kernel
-from uw_recon_ros.match.slanted.gray import Gray
+from uw_recon_ros.match.slanted.census import RADIUS, Pattern
+from uw_recon_ros.match.slanted.gray import CONTRAST, Gray
 from uw_recon_ros.match.slanted.support import REACH, Arms
 from uw_recon_ros.types import FloatImage
 
-RADIUS = 2  #: half side of the window of differences: 24 neighbours
 BLOCK = 64  #: pixels compared at once
 QUARTERS = 4  #: samples a pixel in `View.other`
-SOFTNESS = 0.6  #: part of the local contrast at which the difference between differences is cut
-SIZES_COUNT, SIGNS_ONLY = (
-    0.15,
-    0.3,
-)  #: noise / contrast up to which sizes and signs weigh alike, and beyond which only signs
-CUT, CUT_NOISY = 0.4, 0.333  #: a pixel's cost is cut at this part of the largest possible; where noise is strong
-OUTSIDE = 1.0  #: cost of a match outside the other view; 2 is the worst cost of all
+SOFTNESS, SOFTNESS_NOISY = 0.6, 1.2  #: part of the contrast at which the difference between differences is cut
+SIGNS, SIGNS_NOISY = 0.5, 0.0  #: weight of the signs
+WORST = 2.0  #: cost of what differs as much as by chance
+OUTSIDE = 1.0  #: least cost of a match outside the other view; no less than a usual match
 FORBIDDEN = 4.0  #: cost of a disparity outside the limits
 
 
@@ -42,13 +39,17 @@ class View(NamedTuple):
     Parameters
     ----------
     gray : (H + 2 `RADIUS`, W + 2 `RADIUS` + `BLOCK`) int16
-        This view, 1/16 gray level, continued beyond its borders; see `framed`.
+        This view, continued beyond its borders; see `framed`.
     softness, sign : int16
-        Where the difference between differences is cut, and what another sign costs, 1/16 gray level.
+        Where the difference between differences is cut, and what another sign costs.
     most : int16
-        Where a pixel's cost is cut, 1/16 gray level.
+        Where a pixel's cost is cut.
+    outside : int16
+        A pixel's cost outside the other view.
+    pattern : (24, 2) int64
+        The neighbours: rows, columns.
     other : (H, 4 W - 3) int16
-        The other view, four samples a pixel, 1/16 gray level.
+        The other view, four samples a pixel.
     arms : (4, H, W) uint8
     inverse_size : (H, W) float32
         Of `support`.
@@ -60,6 +61,8 @@ class View(NamedTuple):
     softness: np.int16
     sign: np.int16
     most: np.int16
+    outside: np.int16
+    pattern: Pattern
     other: NDArray[np.int16]
     arms: Arms
     inverse_size: FloatImage
@@ -72,17 +75,13 @@ def framed(gray: Gray) -> Gray:
     return np.ascontiguousarray(np.pad(gray, ((RADIUS, RADIUS), (RADIUS, RADIUS + BLOCK)), mode="edge"))
 
 
-def weigh(contrast: float, noise_to_contrast: float) -> tuple[np.int16, np.int16, np.int16]:
-    """`View.softness`, `View.sign` and `View.most` for an image of some local contrast, 1/16 gray level.
+def weigh(noise: float) -> tuple[int, int]:
+    """`View.softness` and `View.sign` for images as noisy as `gray.gray_pair` says.
 
-    The more noise against the contrast, the less the size of a difference counts against its sign.
+    The more noise, the less the sign of a difference tells, and the more its size.
     """
-    noise = float(np.clip((noise_to_contrast - SIZES_COUNT) / (SIGNS_ONLY - SIZES_COUNT), 0, 1))
-    largest = float(np.clip(SOFTNESS * contrast, 16, 600))
-    softness = round(largest * (1 - noise))
-    sign = round(2 * largest) - softness
-    part = CUT + (CUT_NOISY - CUT) * noise
-    return np.int16(softness), np.int16(sign), np.int16(round(part * 24 * (softness + sign)))
+    softness = round(CONTRAST * (SOFTNESS + (SOFTNESS_NOISY - SOFTNESS) * noise))
+    return softness, round(softness * 2 * (SIGNS + (SIGNS_NOISY - SIGNS) * noise))
 
 
 class Desk(NamedTuple):
@@ -129,7 +128,7 @@ def plane_cost(
         for x in range(right - left):
             j, u = index(x), index(x + left - start)
             here[j] = before[j] + desk.prefix[u + index(ahead[j]) + index(1)] - desk.prefix[u - index(behind[j])]
-    scale = np.float32(2) / np.float32(view.most)
+    scale = np.float32(WORST) / np.float32(view.most)
     for v in range(top, bottom):
         above, below, inverse = arms[2, v, left:right], arms[3, v, left:right], view.inverse_size[v, left:right]
         cost = desk.cost[v - top, : right - left]
@@ -201,17 +200,15 @@ def _compare(y, v, start, stop, view, desk):  # type: ignore[no-untyped-def]
         x, u = block + RADIUS, start + block + RADIUS
         apart, theirs = desk.apart[y + RADIUS, x : x + BLOCK], desk.bent[y + RADIUS, x : x + BLOCK]
         mine = view.gray[v + RADIUS, u : u + BLOCK]
-        for dv in range(-RADIUS, RADIUS + 1):
-            for du in range(-RADIUS, RADIUS + 1):
-                if dv == 0 and du == 0:
-                    continue
-                row, p, q = y + RADIUS + dv, x + du, u + du
-                next_apart, next_theirs = desk.apart[row, p : p + BLOCK], desk.bent[row, p : p + BLOCK]
-                next_mine = view.gray[v + RADIUS + dv, q : q + BLOCK]
-                for i in range(BLOCK):
-                    size = min(np.int16(abs(np.int16(next_apart[i] - apart[i]))), softness)
-                    other_sign = (next_theirs[i] > theirs[i]) != (next_mine[i] > mine[i])
-                    total[i] = np.int16(total[i] + np.int16(size + (sign if other_sign else np.int16(0))))
+        for n in range(view.pattern.shape[0]):
+            dv, du = view.pattern[n, 0], view.pattern[n, 1]
+            row, p, q = y + RADIUS + dv, x + du, u + du
+            next_apart, next_theirs = desk.apart[row, p : p + BLOCK], desk.bent[row, p : p + BLOCK]
+            next_mine = view.gray[v + RADIUS + dv, q : q + BLOCK]
+            for i in range(BLOCK):
+                size = min(np.int16(abs(np.int16(next_apart[i] - apart[i]))), softness)
+                other_sign = (next_theirs[i] > theirs[i]) != (next_mine[i] > mine[i])
+                total[i] = np.int16(total[i] + np.int16(size + (sign if other_sign else np.int16(0))))
 
 
 @kernel(allocates=False)
@@ -231,7 +228,7 @@ def _prefix(a, here, start, stop, width, view, differing, prefix):  # type: igno
             total = np.int32(total + min(np.int32(differing[index(i)]), most))
             prefix[index(i) + index(1)] = total
         return
-    outside, forbidden = np.int32(most * OUTSIDE / 2), np.int32(most * FORBIDDEN / 2)
+    outside, forbidden = np.int32(view.outside), np.int32(most * FORBIDDEN / WORST)
     for i in range(stop - start):
         u = np.float32(start + i)
         d = here + a * u

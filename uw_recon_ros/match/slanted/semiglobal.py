@@ -161,8 +161,9 @@ def _volume(
 
 
 def semiglobal_start(
-    left: ByteImage, right: ByteImage, gray_left: Gray, gray_right: Gray, low: int, high: int, threads: int
-) -> Start:
+    left: ByteImage, right: ByteImage, gray_left: Gray, gray_right: Gray, noise: float, low: int, high: int,
+    threads: int,
+) -> Start:  # fmt: skip
     """Match two rectified images at whole disparities from `low` to `high`, inclusive.
 
     Parameters
@@ -170,7 +171,7 @@ def semiglobal_start(
     left, right : (C, H, W) uint8
         C = 1 or 3.
     gray_left, gray_right : (H, W) int16
-        Of `gray.gray_pair`.
+        Of `gray.gray_pair`, as is `noise`.
     low, high : int
         px.
     threads : int
@@ -180,7 +181,8 @@ def semiglobal_start(
     labels, parts = high - low + 1, bands(height, 2 * threads)
     words = np.empty((2, height, width), np.uint64)
     grays = (gray_left, gray_right)
-    share(lambda j: census_words(grays[j[0]], *j[1], words[j[0]]), [(e, b) for b in parts for e in (0, 1)], threads)
+    jobs = [(eye, band) for band in parts for eye in (0, 1)]
+    share(lambda j: census_words(grays[j[0]], noise, *j[1], words[j[0]]), jobs, threads)
     costs = _volume(words, left, right, low, labels, parts, threads)
     penalties = jump_penalties(gray_left)
     sums = np.empty((2, costs.size), np.int16)
