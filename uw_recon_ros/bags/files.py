@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
@@ -20,6 +21,9 @@ from uw_recon_ros.errors import BagError
 _SQLITE_MAGIC = b"SQLite format 3\0"
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 _ROS1_MAGIC = b"#ROSBAG V"
+_LARGEST_METADATA = 2**20  # bytes; and not by libyaml, which deep nesting crashes
+_MOST_UNPACKED, _LEAST_LIMIT = 1000, 2**28  # times its own size, and bytes: what a compressed file may become
+
 _SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
 
 
@@ -85,8 +89,8 @@ def _folder(path: Path, files: BagFiles) -> list[Path]:
             raise BagError(f"{path}: expected a bag, got a folder without .mcap or .db3 files") from error
         files.damage.append(str(error))
         return there
-    files.compressed_messages = str(metadata.get("compression_mode", "")).lower() == "message"
-    named = [_find(path, str(name)) for name in metadata["relative_file_paths"]]
+    files.compressed_messages = metadata.get("compression_mode") in ("message", "MESSAGE")
+    named = [_find(path, name) for name in metadata["relative_file_paths"]]
     files.damage += [f"{file.name}: named in metadata.yaml, not there" for file in named if not file.is_file()]
     present = [file for file in named if file.is_file()]
     if not present:
@@ -103,13 +107,16 @@ def _find(folder: Path, name: str) -> Path:
 
 def _read_metadata(path: Path) -> dict[str, Any]:
     try:
-        metadata = yaml.safe_load(path.read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
-        if not isinstance(metadata["relative_file_paths"], list):
-            raise TypeError("relative_file_paths is not a list")
+        if path.stat().st_size > _LARGEST_METADATA:
+            raise BagError(f"{path.name}: not a rosbag2 description (more than {_LARGEST_METADATA} bytes)")
+        metadata = yaml.safe_load(path.read_bytes())["rosbag2_bagfile_information"]
+        names = metadata["relative_file_paths"]
+        if not (isinstance(names, list) and all(isinstance(name, str) for name in names)):
+            raise TypeError("relative_file_paths is not a list of names")
     except OSError as error:
         raise BagError(f"{path.name}: not there or not readable ({error.strerror})") from error
-    except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError) as error:
-        reason = " ".join(str(error).split())
+    except (yaml.YAMLError, ValueError, KeyError, TypeError, RecursionError) as error:
+        reason = " ".join(ascii(str(error)[:200])[1:-1].replace("\\n", " ").split())
         raise BagError(f"{path.name}: not a rosbag2 description ({type(error).__name__}: {reason[:80]})") from error
     return dict(metadata)
 
@@ -155,10 +162,18 @@ def _unpack(path: Path, files: BagFiles) -> Path:
     if files.temporary is None:
         files.temporary = tempfile.TemporaryDirectory(prefix="uw_recon_ros-bag-")
     unpacked = Path(files.temporary.name) / f"{len(files.storages)}-{len(files.damage)}"
+    left = min(
+        max(_MOST_UNPACKED * path.stat().st_size, _LEAST_LIMIT),
+        shutil.disk_usage(files.temporary.name).free - _LEAST_LIMIT,
+    )
     with path.open("rb") as packed, unpacked.open("wb") as target:
         try:
-            zstandard.ZstdDecompressor().copy_stream(packed, target)
-        except zstandard.ZstdError as error:
+            for piece in zstandard.ZstdDecompressor().read_to_iter(packed):
+                left -= len(piece)
+                if left < 0:
+                    raise ValueError("larger than any recording, or than the disk")
+                target.write(piece)
+        except (zstandard.ZstdError, ValueError) as error:
             files.damage.append(f"{path.name}: compressed file damaged ({error}): what follows is lost")
     return unpacked
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from uw_recon_ros.bags import messages
 from uw_recon_ros.bags.findings import BagInfo, EyeInfo
-from uw_recon_ros.bags.model import RawMessage
+from uw_recon_ros.bags.model import RawMessage, plain
 from uw_recon_ros.bags.reader import BagReader, open_bag
 from uw_recon_ros.bags.stereo import CameraInfoCache, StereoTopics
 from uw_recon_ros.bags.verdict import judge, judge_calibration
@@ -86,8 +86,8 @@ def _image_taker(eye: EyeInfo) -> Callable[[RawMessage], None]:
 
 
 def _describe_first(eye: EyeInfo, image: Any) -> None:
-    eye.frame_id = str(image.header.frame_id)
-    eye.encoding = str(getattr(image, "encoding", "") or getattr(image, "format", ""))
+    eye.frame_id = plain(image.header.frame_id)
+    eye.encoding = plain(getattr(image, "encoding", "") or getattr(image, "format", ""))
     try:
         eye.height, eye.width = messages.image_from_message(image).shape[:2]
     except ReconError as error:
@@ -96,9 +96,9 @@ def _describe_first(eye: EyeInfo, image: Any) -> None:
 
 def _differs(eye: EyeInfo, image: Any) -> bool:
     if not hasattr(image, "encoding"):
-        return bool(str(image.format) != eye.encoding)
+        return plain(image.format) != eye.encoding
     whole = len(image.data) == image.step * image.height
-    return not whole or (image.width, image.height, image.encoding) != (eye.width, eye.height, eye.encoding)
+    return not whole or (image.width, image.height, plain(image.encoding)) != (eye.width, eye.height, eye.encoding)
 
 
 def _pair_numbers(left: list[int], right: list[int], tolerance_ns: int) -> dict[str, Any]:

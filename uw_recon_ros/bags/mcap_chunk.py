@@ -25,7 +25,8 @@ _RECORD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 _CHUNK = struct.Struct("<QQQI")  # first and last log time, uncompressed size and CRC
 
-LARGEST = 2**31  # bytes; a damaged size field must not fill the memory
+#: Bytes of a chunk, or of a message, compressed or not: what claims more must not fill the memory.
+LARGEST = 2**28
 RECORD_HEADER = _RECORD.size
 MESSAGE_HEADER = _MESSAGE.size
 
@@ -60,6 +61,8 @@ def records(data: Buffer) -> Iterator[tuple[int, memoryview]]:
         if offset + RECORD_HEADER > len(view):
             raise ValueError(f"{len(view) - offset} bytes too many at its end")
         opcode, length = record_header(view, offset)
+        if not opcode:
+            raise ValueError("a record of kind 0")
         offset += RECORD_HEADER
         if offset + length > len(view):
             raise ValueError(f"a record of {length} bytes where {len(view) - offset} are left")
@@ -79,6 +82,19 @@ def _split(content: Buffer) -> tuple[int, int, str, memoryview]:
     offset += 4 + name_length
     (length,) = struct.unpack_from("<Q", view, offset)
     return size, crc, name, view[offset + 8 : offset + 8 + length]
+
+
+def claimed_size(content: Buffer) -> int:
+    """Uncompressed bytes that a Chunk record claims; at most `LARGEST`.
+
+    Raises
+    ------
+    one of `DAMAGE`
+    """
+    size = _split(content)[0]
+    if size > LARGEST:
+        raise ValueError(f"{size} bytes claimed")
+    return size
 
 
 def inflate(content: Buffer) -> bytes:

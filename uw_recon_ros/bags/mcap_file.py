@@ -12,10 +12,20 @@ from uw_recon_ros.bags import mcap_chunk, mcap_index
 from uw_recon_ros.bags.mcap_chunk import DAMAGE
 from uw_recon_ros.bags.mcap_index import MAGIC, Block, Index
 from uw_recon_ros.bags.merge import merge_by_time
-from uw_recon_ros.bags.model import RawMessage, TopicInfo, merge_topics, parse_qos
+from uw_recon_ros.bags.model import (
+    LATEST_NS,
+    RawMessage,
+    TopicInfo,
+    add_note,
+    is_name,
+    merge_topics,
+    parse_qos,
+    plain,
+)
 from uw_recon_ros.errors import BagError
 
 _FOREVER = 2**64
+_MOST_HELD = 2**30  # bytes of chunks that overlap in time; a whole recording in one moment must not fill the memory
 
 
 class McapFile:
@@ -35,7 +45,7 @@ class McapFile:
 
     def __init__(self, path: Path, name: str) -> None:
         self.damage: list[str] = []
-        self._name = name
+        self._name, self._held = name, 0
         self._stream = path.open("rb")
         try:
             self._index = self._find_index(path.stat().st_size)
@@ -49,9 +59,7 @@ class McapFile:
         return mcap_index.read_summary(self._stream, size) or mcap_index.scan(self._stream, size, self._note)
 
     def _note(self, sentence: str) -> None:
-        text = f"{self._name}: {sentence}"
-        if text not in self.damage:
-            self.damage.append(text)
+        add_note(self.damage, f"{self._name}: {sentence}")
 
     @property
     def topics(self) -> list[TopicInfo]:
@@ -60,7 +68,13 @@ class McapFile:
         for number, channel in self._index.channels.items():
             schema = self._index.schemas.get(channel.schema_id)
             if channel.message_encoding != "cdr" or schema is None:
-                self._note(f"topic {channel.topic} is left out: {channel.message_encoding or 'unknown'} is not CDR")
+                form = plain(channel.message_encoding) or "unknown"
+                self._note(f"topic {plain(channel.topic)} is left out: {form} is not CDR")
+                continue
+            if not (is_name(channel.topic) and is_name(schema.name)):
+                self._note(
+                    f"topic {plain(channel.topic)} of type {plain(schema.name)} is left out: no name for a topic"
+                )
                 continue
             qos = parse_qos(channel.metadata.get("offered_qos_profiles", ""))
             topics.append(TopicInfo(channel.topic, _type_name(schema.name), self._index.counts[number], qos))
@@ -98,18 +112,36 @@ class McapFile:
         return {
             number: (channel.topic, _type_name(self._index.schemas[channel.schema_id].name))
             for number, channel in self._index.channels.items()
-            if channel.topic in known and (topics is None or channel.topic in topics)
+            if is_name(channel.topic) and channel.topic in known and (topics is None or channel.topic in topics)
             and channel.message_encoding == "cdr" and channel.schema_id in self._index.schemas
         }  # fmt: skip
 
     def _content(self, block: Block) -> bytes:
+        if block.length > mcap_chunk.LARGEST:
+            raise ValueError(f"{block.length} bytes claimed")
         self._stream.seek(block.offset)
         return self._stream.read(block.length)
 
     def _chunk(self, block: Block, wanted: dict[int, tuple[str, str]]) -> Iterator[RawMessage]:
-        found: list[RawMessage] = []
+        """Messages of a chunk in order, in memory from the first to the last."""
+        size = 0
         try:
             content = self._content(block)
+            size = mcap_chunk.claimed_size(content)
+            if self._held + size > _MOST_HELD:
+                raise ValueError(f"{self._held + size} bytes of overlapping chunks")
+            self._held += size
+            yield from self._sorted(block, content, wanted)
+        except DAMAGE as error:
+            size = 0
+            if not block.partial:
+                self._note(mcap_chunk.loss(block.offset, error))
+        finally:
+            self._held -= size
+
+    def _sorted(self, block: Block, content: bytes, wanted: dict[int, tuple[str, str]]) -> list[RawMessage]:
+        found: list[RawMessage] = []
+        try:
             inside = mcap_chunk.inflate_rest(content) if block.partial else mcap_chunk.inflate(content)
             for opcode, record in mcap_chunk.records(inside):
                 if opcode == Opcode.MESSAGE:
@@ -118,15 +150,23 @@ class McapFile:
             if not block.partial:
                 self._note(mcap_chunk.loss(block.offset, error))
         found.sort(key=lambda message: message.stamp_ns)
-        return iter(found)
+        return found
 
     def _loose(self, blocks: list[Block], wanted: dict[int, tuple[str, str]]) -> Iterator[RawMessage]:
         for block in blocks:
-            yield from self._message(memoryview(self._content(block)), wanted)
+            try:
+                found = self._message(memoryview(self._content(block)), wanted)
+            except DAMAGE as error:
+                self._note(f"message at byte {block.offset} is damaged ({error})")
+            else:
+                yield from found
 
     def _message(self, record: memoryview, wanted: dict[int, tuple[str, str]]) -> list[RawMessage]:
         channel, log_time = mcap_chunk.message_header(record)
         if channel not in wanted:
+            return []
+        if log_time >= LATEST_NS:
+            self._note("messages recorded after the year 2038 are left out")
             return []
         topic, type_name = wanted[channel]
         return [RawMessage(topic, type_name, log_time, bytes(record[mcap_chunk.MESSAGE_HEADER :]))]

@@ -16,6 +16,7 @@ from mcap.records import Channel, ChunkIndex, Schema, Statistics
 
 from uw_recon_ros.bags import mcap_chunk
 from uw_recon_ros.bags.mcap_chunk import DAMAGE, RECORD_HEADER, Buffer
+from uw_recon_ros.bags.model import LATEST_NS
 
 MAGIC = b"\x89MCAP0\r\n"
 _FOOTER = struct.Struct("<BQQQI")  # opcode, length, start of summary and of its offsets, CRC
@@ -74,7 +75,9 @@ class Index:
         return self.counts.keys() <= self.channels.keys() and types <= self.schemas.keys() | {0}
 
     def count(self, channel: int, log_time: int) -> None:
-        """Note a message."""
+        """Note a message; one at an impossible time is never read."""
+        if log_time >= LATEST_NS:
+            return
         self.counts[channel] += 1
         start, end = self.span or (log_time, log_time)
         self.span = min(start, log_time), max(end, log_time)
@@ -100,12 +103,19 @@ def _checked_summary(stream: BinaryIO, size: int) -> Index | None:
     opcode, _, start, _, crc = _FOOTER.unpack(footer)
     if opcode != Opcode.FOOTER or stream.read() != MAGIC or not len(MAGIC) <= start < size:
         return None
+    length = size - len(MAGIC) - _FOOTER.size - start
+    if length > mcap_chunk.LARGEST:
+        return None
     stream.seek(start)
-    summary = stream.read(size - len(MAGIC) - _FOOTER.size - start)
+    summary = stream.read(length)
     if crc and zlib.crc32(summary + footer[:-4]) != crc:
         return None
     index, statistics = _parse_summary(summary)
     if statistics is None or statistics.chunk_count != len(index.chunks):
+        return None
+    if len({block.offset for block in index.chunks}) < len(index.chunks):
+        return None
+    if index.span is not None and index.span[1] >= LATEST_NS:
         return None
     if (statistics.message_count and not index.chunks) or not index.names_all_topics:
         return None

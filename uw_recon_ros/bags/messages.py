@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from functools import cache
 from typing import Any
 
@@ -40,7 +41,7 @@ def decode(message: RawMessage) -> Any:
     """
     try:
         return typestore().deserialize_cdr(message.data, message.type)
-    except (SerdeError, KeyError, ValueError, AssertionError, IndexError, OverflowError) as error:
+    except (SerdeError, KeyError, ValueError, AssertionError, IndexError, OverflowError, struct.error) as error:
         raise BagError(f"{message.topic}: {len(message.data)} bytes are no {message.type} ({error})") from error
 
 

@@ -8,6 +8,36 @@ from typing import Any, Protocol
 
 import yaml
 
+#: Log times from here on are beyond what ROS's 32 bits of seconds can say.
+LATEST_NS = 2**31 * 1_000_000_000
+_LONGEST_NAME = 255
+_LONGEST_NOTE = 500
+_MOST_NOTES = 1000
+_LONGEST_QOS = 65_536  # characters
+_DEEPEST = 1000  # messages; middleware makes room for them
+
+
+def add_note(notes: list[str], sentence: str) -> None:
+    """Add a sentence about damage: in one line of bounded length, none twice, no more than anyone reads."""
+    line = " ".join(sentence.split())
+    line = line if line.isprintable() else ascii(line)
+    line = line if len(line) <= _LONGEST_NOTE else f"{line[:_LONGEST_NOTE]}..."
+    if len(notes) < _MOST_NOTES and line not in notes:
+        notes.append(line)
+        if len(notes) == _MOST_NOTES:
+            notes.append("more damage is not listed")
+
+
+def is_name(text: Any) -> bool:
+    """Whether a topic or a type may be called so."""
+    return isinstance(text, str) and 0 < len(text) <= _LONGEST_NAME and text.isprintable()
+
+
+def plain(text: Any) -> str:
+    """Text out of a bag, fit for a terminal."""
+    told = str(text)
+    return told if is_name(told) or not told else ascii(told[:40])
+
 
 @dataclass(frozen=True)
 class RawMessage:
@@ -99,10 +129,10 @@ _QOS_NAMES: dict[str, dict[Any, str]] = {
 def parse_qos(recorded: Any) -> tuple[QosProfile, ...]:
     """Read the ``offered_qos_profiles`` of a bag: YAML text or a list, with numbers or names; rubbish gives none."""
     try:
-        entries = yaml.safe_load(recorded) if isinstance(recorded, str) else recorded
-    except yaml.YAMLError:
+        entries = yaml.safe_load(recorded[:_LONGEST_QOS]) if isinstance(recorded, str) else recorded
+    except (yaml.YAMLError, RecursionError, ValueError):  # ValueError: an impossible date, say
         return ()
-    return tuple(_profile(entry) for entry in entries or () if isinstance(entry, dict))
+    return tuple(_profile(entry) for entry in entries if isinstance(entry, dict)) if isinstance(entries, list) else ()
 
 
 def _profile(entry: dict[str, Any]) -> QosProfile:
@@ -110,11 +140,11 @@ def _profile(entry: dict[str, Any]) -> QosProfile:
     for field, names in _QOS_NAMES.items():
         value = entry.get(field)
         name = names.get(value) if isinstance(value, int) else value
-        if name in names.values():
+        if isinstance(name, str) and name in names.values():
             known[field] = name
     depth = entry.get("depth")
     if isinstance(depth, int) and depth > 0:
-        known["depth"] = depth
+        known["depth"] = min(depth, _DEEPEST)
     return QosProfile(**known)
 
 

@@ -12,8 +12,9 @@ import zstandard
 
 from uw_recon_ros.bags import messages
 from uw_recon_ros.bags.files import open_files
+from uw_recon_ros.bags.mcap_chunk import LARGEST
 from uw_recon_ros.bags.merge import merge_by_time
-from uw_recon_ros.bags.model import RawMessage, TopicInfo, merge_topics
+from uw_recon_ros.bags.model import RawMessage, TopicInfo, add_note, merge_topics
 from uw_recon_ros.bags.stereo import CameraInfoCache, StereoTopics, find_stereo_topics, make_pair, pair_messages
 from uw_recon_ros.errors import BagError, ReconError
 from uw_recon_ros.types import FloatImage, StereoCalibration, StereoPair
@@ -39,7 +40,7 @@ class BagReader:
         spans = [storage.span for storage in storages if storage.span is not None]
         self.start_ns = min((start for start, _ in spans), default=0)
         self.end_ns = max((end for _, end in spans), default=0)
-        self.notes: dict[str, None] = {}
+        self.notes: list[str] = []
 
     @property
     def damage(self) -> list[str]:
@@ -49,7 +50,7 @@ class BagReader:
 
     def note(self, sentence: str) -> None:
         """Add a sentence to `damage`."""
-        self.notes.setdefault(sentence)
+        add_note(self.notes, sentence)
 
     def raw_messages(
         self, topics: Iterable[str] | None = None, between: tuple[int, int] | None = None
@@ -78,8 +79,10 @@ class BagReader:
         decompressor = zstandard.ZstdDecompressor()
         for message in packed:
             try:
-                data = decompressor.decompress(message.data)
-            except (zstandard.ZstdError, MemoryError) as error:
+                if zstandard.frame_content_size(message.data) > LARGEST:
+                    raise ValueError(f"more than {LARGEST} bytes claimed")
+                data = decompressor.decompress(message.data, max_output_size=LARGEST)
+            except (zstandard.ZstdError, ValueError, MemoryError) as error:
                 self.note(f"{message.topic}: a compressed message at {message.stamp_ns} ns is damaged ({error})")
             else:
                 yield RawMessage(message.topic, message.type, message.stamp_ns, data)

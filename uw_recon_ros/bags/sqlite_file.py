@@ -7,10 +7,20 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
-from uw_recon_ros.bags.model import RawMessage, TopicInfo, merge_topics, parse_qos
+from uw_recon_ros.bags.model import (
+    LATEST_NS,
+    RawMessage,
+    TopicInfo,
+    add_note,
+    is_name,
+    merge_topics,
+    parse_qos,
+    plain,
+)
 from uw_recon_ros.errors import BagError
 
-_ALWAYS = -(2**63), 2**63 - 1
+_ALWAYS = 0, LATEST_NS - 1
+_SOUND = f"typeof(topic_id) = 'integer' AND typeof(data) = 'blob' AND timestamp BETWEEN 0 AND {LATEST_NS - 1}"
 _PATIENCE = 1000  # unreadable rows in a row before the rest is given up
 
 
@@ -44,23 +54,33 @@ class SqliteFile:
             raise BagError(f"{name}: expected a rosbag2 database, got: {error}") from error
 
     def _note(self, sentence: str) -> None:
-        text = f"{self._name}: {sentence}"
-        if text not in self.damage:
-            self.damage.append(text)
+        add_note(self.damage, f"{self._name}: {sentence}")
 
     def _read_topics(self) -> dict[int, TopicInfo]:
         """Channels by their number, not counted yet."""
+        self._expect_tables()
         names = [row[1] for row in self._database.execute("PRAGMA table_info(topics)")]
         qos = "offered_qos_profiles" if "offered_qos_profiles" in names else "''"
         channels = {}
         for number, name, kind, form, profiles in self._database.execute(
             f"SELECT id, name, type, serialization_format, {qos} FROM topics ORDER BY id"
         ):
-            if form == "cdr":
+            if not (is_name(name) and is_name(kind)):
+                self._note(f"topic {plain(name)} of type {plain(kind)} is left out: no name for a topic")
+            elif form == "cdr":
                 channels[number] = TopicInfo(name, kind, 0, parse_qos(profiles))
             else:
-                self._note(f"topic {name} is left out: {form} is not CDR")
+                self._note(f"topic {name} is left out: {plain(form)} is not CDR")
         return channels
+
+    def _expect_tables(self) -> None:
+        """Refuse views and virtual tables: they would make SQLite compute whatever the file says, for ever."""
+        for name in ("topics", "messages"):
+            query = "SELECT type, rootpage, sql FROM sqlite_master WHERE name = ?"
+            for kind, page, text in self._database.execute(query, (name,)):
+                plainly = "".join(str(text).split()).upper()
+                if kind != "table" or not page or "GENERATED" in plainly or ")AS(" in plainly or "AS(" in plainly:
+                    raise sqlite3.DatabaseError(f"{name} is no plain table")
 
     def _summarise(self) -> None:
         """Count messages; a damaged file is walked through."""
@@ -69,8 +89,10 @@ class SqliteFile:
         self._rescued: list[tuple[int, int]] | None = None
         try:
             self._check_size()
-            self._counts.update(self._database.execute("SELECT topic_id, count(*) FROM messages GROUP BY topic_id"))
-            start, end = self._database.execute("SELECT min(timestamp), max(timestamp) FROM messages").fetchone()
+            counted = f"SELECT topic_id, count(*) FROM messages WHERE {_SOUND} GROUP BY topic_id"
+            self._counts.update(self._database.execute(counted))
+            limits = f"SELECT min(timestamp), max(timestamp) FROM messages WHERE {_SOUND}"
+            start, end = self._database.execute(limits).fetchone()
             self._span = None if start is None else (start, end)
         except sqlite3.Error as error:
             self._rescue(str(error))
@@ -98,7 +120,7 @@ class SqliteFile:
 
     def _row(self, number: int) -> tuple[int, int, bytes] | None:
         with suppress(sqlite3.Error):
-            query = "SELECT topic_id, timestamp, data FROM messages WHERE id = ?"
+            query = f"SELECT topic_id, timestamp, data FROM messages WHERE id = ? AND {_SOUND}"
             row: tuple[int, int, bytes] | None = self._database.execute(query, (number,)).fetchone()
             return row
         return None
@@ -137,8 +159,8 @@ class SqliteFile:
         marks = ",".join("?" * len(wanted))
         return self._database.execute(
             f"SELECT id, topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) "
-            "AND timestamp BETWEEN ? AND ? ORDER BY timestamp, id",
-            [*wanted, start, end],
+            f"AND {_SOUND} AND timestamp BETWEEN ? AND ? ORDER BY timestamp, id",
+            [*wanted, max(start, 0), min(end, LATEST_NS)],
         )
 
     def close(self) -> None:
@@ -156,4 +178,5 @@ def _connect(path: Path) -> sqlite3.Connection:
     mode = "mode=ro" if log.exists() and log.stat().st_size else "immutable=1"
     database = sqlite3.connect(f"{path.absolute().as_uri()}?{mode}", uri=True, check_same_thread=False)
     database.execute("PRAGMA writable_schema=ON")  # else a file cut short is refused as a whole; nothing is written
+    database.execute("PRAGMA trusted_schema=OFF")
     return database

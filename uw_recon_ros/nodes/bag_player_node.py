@@ -21,12 +21,13 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import Trigger
 
 from uw_recon_ros import signals
-from uw_recon_ros.bags.model import RawMessage
+from uw_recon_ros.bags.model import LATEST_NS, RawMessage
 from uw_recon_ros.bags.reader import BagReader, open_bag
 from uw_recon_ros.errors import BagError
 from uw_recon_ros.nodes.replay import Report, advertise_recorded, parse, wait_for_listeners
 from uw_recon_ros.nodes.timeline import Timeline
 from uw_recon_ros.ros.main import DONE, FAILED, USAGE, leave, start, until_shutdown
+from uw_recon_ros.ros.message_types import message_class
 from uw_recon_ros.ros.messages import time_message
 from uw_recon_ros.ros.parameters import ParameterError
 from uw_recon_ros.ros.qos import profile
@@ -35,6 +36,7 @@ _POLL_S = 0.05
 _SETTLE_S = 1.0
 _ACKNOWLEDGE_S = 2.0
 _MEET_S, _MEET_POLL_S = 1.0, 0.005
+_LONGEST_SILENCE_S = 3600.0  # a damaged time of recording must not make it wait for decades
 
 
 class BagPlayerNode(Node):  # type: ignore[misc]
@@ -105,7 +107,12 @@ class BagPlayerNode(Node):  # type: ignore[misc]
 
     def _from_start(self) -> Iterator[RawMessage]:
         wanted = self._bag.raw_messages(self._players)
-        return (message for message in wanted if message.stamp_ns >= self._begin_ns)
+        return (
+            message
+            for message in wanted
+            if message.stamp_ns >= self._begin_ns
+            and message_class(message.type) is self._players[message.topic].msg_type
+        )
 
     def _wait_for_subscribers(self) -> None:
         if self._settings.wait_for or self._settings.wait_for_subscribers:
@@ -136,6 +143,10 @@ class BagPlayerNode(Node):  # type: ignore[misc]
                 self._spin(_POLL_S)
                 continue
             wait = self._timeline.due_s(message.stamp_ns) - time.monotonic()
+            if wait > _LONGEST_SILENCE_S:
+                self.get_logger().warning(f"nothing recorded for {wait:.0f} s (at this rate): skipped")
+                self._timeline.jump(message.stamp_ns, time.monotonic())
+                wait = 0.0
             if wait <= 0:
                 self._report.late(-wait)
                 return
@@ -158,7 +169,7 @@ class BagPlayerNode(Node):  # type: ignore[misc]
             raise ExternalShutdownException
 
     def _publish_clock(self) -> None:
-        now_ns = self._timeline.now_ns(time.monotonic())
+        now_ns = min(self._timeline.now_ns(time.monotonic()), LATEST_NS - 1)
         self._clock_publisher.publish(ClockMessage(clock=time_message(now_ns)))
 
     def _on_pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

@@ -9,6 +9,7 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
 
+from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -22,6 +23,7 @@ from uw_recon_ros.ros.message_types import message_class
 
 _POLL_S = 0.05
 _MOST_LATCHED = 1000
+_MOST_TOPICS = 1000
 _RECENT = 10_000
 
 
@@ -87,10 +89,19 @@ def advertise_recorded(node: Node, bag: BagReader, chosen: Sequence[str] | None)
         if kind is None:
             node.get_logger().warning(f"{topic.name}: skipped, no message package for {topic.type} is installed")
             continue
+        if topic.name in publishers or len(publishers) == _MOST_TOPICS:
+            reason = (
+                "recorded with another type too" if topic.name in publishers else f"more than {_MOST_TOPICS} topics"
+            )
+            node.get_logger().warning(f"{topic.name} of {topic.type}: skipped, {reason}")
+            continue
         options = QoSOverridingOptions.with_default_policies()
-        publishers[topic.name] = node.create_publisher(
-            kind, topic.name.lstrip("/"), recorded_profile(topic), qos_overriding_options=options
-        )
+        try:
+            publishers[topic.name] = node.create_publisher(
+                kind, topic.name.lstrip("/"), recorded_profile(topic), qos_overriding_options=options
+            )
+        except (NameValidationException, ValueError) as error:
+            node.get_logger().warning(f"{topic.name}: skipped, no name for a topic ({' '.join(str(error).split())})")
     if not publishers:
         names = ", ".join(topic.name for topic in bag.topics) or "none"
         raise BagError(f"{bag.path}: expected topics that can be played, the bag has {names}")

@@ -3,18 +3,32 @@
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import re
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 _NAME = re.compile(r"([a-z][a-z0-9_]*)/msg/([A-Z][A-Za-z0-9]*)")
 
 
+@cache
 def message_class(name: str) -> Any | None:
-    """Find the class of e.g. ``sensor_msgs/msg/Image``; None where its package is not installed."""
+    """Find the class of e.g. ``sensor_msgs/msg/Image``; None where its package is not installed.
+
+    A bag chooses the name: nothing is imported but packages that are made of ROS messages.
+    """
     match = _NAME.fullmatch(name)
-    if match is None:
+    if match is None or not _holds_messages(match[1]):
         return None
     try:
         return getattr(importlib.import_module(f"{match[1]}.msg"), match[2], None)
     except ImportError:
         return None
+
+
+def _holds_messages(package: str) -> bool:
+    """Whether a package has messages with generated type support; found out without importing it."""
+    spec = importlib.util.find_spec(package)
+    folders = [Path(folder) for folder in spec.submodule_search_locations or ()] if spec else []
+    return any((folder / "msg" / "__init__.py").is_file() and any(folder.glob("*_s*.so")) for folder in folders)
