@@ -21,7 +21,7 @@ from uw_recon_ros.match.slanted.moves import Labelling, energy
 from uw_recon_ros.match.slanted.plane_cost import FORBIDDEN, OUTSIDE, QUARTERS, WORST, View, framed, weigh
 from uw_recon_ros.match.slanted.proposals import BEFORE, FIT, NEAR, OWN, POINTS, SHAKEN, Sources
 from uw_recon_ros.match.slanted.refine import Pass, disparity_of, refine
-from uw_recon_ros.match.slanted.semiglobal import Start, semiglobal_start
+from uw_recon_ros.match.slanted.semiglobal import semiglobal_start
 from uw_recon_ros.match.slanted.support import edge_weights, inverse_size, measure_arms
 from uw_recon_ros.match.slanted.texture import untextured
 from uw_recon_ros.match.slanted.typical import typical_costs
@@ -64,7 +64,7 @@ _FOLLOWING = (
 SCHEDULES = {
     "navigation": Schedule(()),
     "balanced": Schedule(_FIRST + _ROUND, following=_FOLLOWING),
-    "quality": Schedule(_FIRST + 6 * _ROUND, 2.0, 32.0, _FOLLOWING + 3 * _ROUND),
+    "quality": Schedule(_FIRST + 6 * _ROUND, 2.0, 32.0, _FOLLOWING + 2 * _ROUND),
 }
 
 
@@ -128,16 +128,15 @@ def graph_cut(
     _require(left, right, min_disparity, max_disparity, effort)
     eyes = _Eye.pair(left, right)
     limits = (min_disparity, max_disparity)
-    start = _start(eyes, limits, threads)
-    status = _compare(start.disparity, start.right, limits, threads)
+    start, status = _start(eyes, limits, threads)
     blank = untextured(eyes[0].pixels, eyes[1].pixels)
     schedule = SCHEDULES[effort]
     if not schedule.passes:
         _leave_out(blank, status)
-        return _result(start.disparity, eyes, status, float("nan"), effort, threads)
+        return _result(start, eyes, status, float("nan"), effort, threads)
     usable, shown = status == 0, eyes[0].as_bytes()
-    moved = None if before is None else moved_planes(before, shown, start.disparity, usable)
-    state = _planes(*eyes, start.disparity, usable, blank, moved, limits, schedule, seed, threads)
+    moved = None if before is None else moved_planes(before, shown, start, usable)
+    state = _planes(*eyes, start, usable, blank, moved, limits, schedule, seed, threads)
     disparity = disparity_of(state.planes)
     share(lambda b: contest(disparity, state.costs, *b, status), bands(status.shape[0], threads), threads)
     _leave_out(blank, status)
@@ -156,22 +155,30 @@ def _require(left: ByteImage, right: ByteImage, low: int, high: int, effort: str
         raise ValueError(f"effort: expected one of {', '.join(EFFORTS)}, got {effort!r}")
 
 
-def _start(eyes: tuple[_Eye, _Eye], limits: tuple[int, int], threads: int) -> Start:
-    """The semi-global start, of smaller images where the cost volume would not fit."""
+def _start(eyes: tuple[_Eye, _Eye], limits: tuple[int, int], threads: int) -> tuple[FloatImage, ByteImage]:
+    """The semi-global start and its status; of smaller images where the cost volume would not fit."""
     height, width = eyes[0].gray.shape
     shrink = 1
     while VOXEL_BYTES * height * width * (limits[1] - limits[0] + 1) / shrink**3 > MOST_BYTES:
         shrink *= 2
     left, right = eyes if shrink == 1 else _Eye.pair(*(_shrunk(eye.pixels, shrink) for eye in eyes))
     scale = width / left.gray.shape[1]
-    low, high = math.floor(limits[0] / scale), math.ceil(limits[1] / scale)
-    start = semiglobal_start(left.planes, right.planes, left.gray, right.gray, left.noise, low, high, threads)
+    small = math.floor(limits[0] / scale), math.ceil(limits[1] / scale)
+    start = semiglobal_start(left.planes, right.planes, left.gray, right.gray, left.noise, *small, threads)
+    status = _compare(start.disparity, start.right, small, threads)
     if shrink == 1:
-        return start
-    disparity, other, curvature = (
-        np.asarray(cv2.resize(a, (width, height), interpolation=cv2.INTER_NEAREST), np.float32) for a in start
-    )
-    return Start((disparity * scale).clip(*limits).astype(np.float32), other * np.float32(scale), curvature)
+        return start.disparity, status
+    status = np.asarray(cv2.resize(status, (width, height), interpolation=cv2.INTER_NEAREST), np.uint8)
+    disparity = _enlarged(start.disparity, (width, height), scale)
+    return np.asarray(disparity.clip(*limits), np.float32), status
+
+
+def _enlarged(disparity: FloatImage, size: tuple[int, int], scale: float) -> FloatImage:
+    """A map for images that are `scale` times as large: between its pixels on surfaces, never across their edges."""
+    spread = cv2.dilate(disparity, np.ones((3, 3))) - cv2.erode(disparity, np.ones((3, 3)))
+    even = cv2.resize((spread < 1).astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) == 1
+    linear, nearest = (cv2.resize(disparity, size, interpolation=i) for i in (cv2.INTER_LINEAR, cv2.INTER_NEAREST))
+    return np.asarray(np.where(even, linear, nearest) * np.float32(scale), np.float32)
 
 
 def _shrunk(image: ByteImage, factor: int) -> ByteImage:

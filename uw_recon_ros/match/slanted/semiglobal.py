@@ -31,13 +31,10 @@ class Start(NamedTuple):
         Left view, px, refined below the pixel; never NaN.
     right : (H, W) float32
         Disparity of the right view, whole px; NaN where no pixel of the left view matches.
-    curvature : (H, W) float32
-        How sharply the aggregated cost rises beside its least value.
     """
 
     disparity: FloatImage
     right: FloatImage
-    curvature: FloatImage
 
 
 def jump_penalties(gray: Gray) -> NDArray[np.int16]:
@@ -115,7 +112,6 @@ def winners(
     last: int,
     disparity: FloatImage,
     right: FloatImage,
-    curvature: FloatImage,
 ) -> None:
     """Take the best label of every pixel of either view, rows `first` to `last`. Overwrites `down`."""
     width = disparity.shape[1]
@@ -137,14 +133,13 @@ def winners(
                 if sums[k] < best_right[u - low - k]:
                     best_right[u - low - k] = sums[k]
                     right[v, u - low - k] = np.float32(low + k)
-            rise, offset = np.float32(0), np.float32(0)
+            offset = np.float32(0)
             if 0 < best < labels - 1:
                 before, after = np.float32(sums[best - 1] - least), np.float32(sums[best + 1] - least)
                 rise = before + after
                 if rise > 0:
                     offset = np.float32(0.5) * (before - after) / rise
             disparity[v, u] = np.float32(low + best) + offset
-            curvature[v, u] = rise
 
 
 def _volume(
@@ -187,6 +182,6 @@ def semiglobal_start(
     penalties = jump_penalties(gray_left)
     sums = np.empty((2, costs.size), np.int16)
     share(lambda i: aggregate(costs, penalties[i], labels, i == 1, sums[i]), (0, 1), min(threads, 2))
-    start = Start(*(np.empty((height, width), np.float32) for _ in range(3)))
+    start = Start(*(np.empty((height, width), np.float32) for _ in range(2)))
     share(lambda b: winners(sums[0], sums[1], low, labels, *b, *start), parts, threads)
     return start
