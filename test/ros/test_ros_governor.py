@@ -126,6 +126,19 @@ def test_the_first_frames_are_quick_and_the_climb_is_not_slow() -> None:
     assert run.picked[-1] == "quality"
 
 
+def test_what_is_done_besides_takes_its_time_from_the_matcher() -> None:
+    """0.14 s fit into 0.2 s, but not beside 0.1 s of other work; 0.03 s do."""
+    governor = EffortGovernor(EFFORTS[:2], BUDGET)
+    for others, expected in ((0.0, "balanced"), (0.1, "navigation"), (0.0, "balanced")):
+        for _ in range(1500):
+            governor.record(0.03 if governor.effort == "navigation" else 0.14, others)
+        assert governor.effort == expected
+        assert not governor.missed
+    for _ in range(5):
+        governor.record(0.03, 0.3)
+    assert governor.missed
+
+
 def test_no_more_than_allowed() -> None:
     run = Run(EFFORTS[:2]).go(1000, constant(0.001, 0.002, 0.003))
     assert set(run.picked) == {"navigation", "balanced"}
@@ -136,5 +149,5 @@ def test_no_more_than_allowed() -> None:
 
 @pytest.mark.parametrize(("efforts", "budget"), [((), 1.0), (EFFORTS, 0.0), (EFFORTS, float("nan"))])
 def test_nonsense_is_refused(efforts: tuple[str, ...], budget: float) -> None:
-    with pytest.raises(ValueError, match="expected efforts and a positive budget"):
+    with pytest.raises(ValueError, match="expected efforts and a positive period"):
         EffortGovernor(efforts, budget)

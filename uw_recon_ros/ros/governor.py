@@ -11,12 +11,12 @@ import statistics
 from collections import deque
 from collections.abc import Sequence
 
-#: How many times longer the next effort takes, until measured: 0.08, 0.57, 4.1 s (``test/benchmark/matching.py``).
+#: How many times longer the next effort takes, until measured: as ``test/benchmark/matching.py`` finds, roughly.
 _STEP = 7.0
 _WINDOW = 3  # frames whose median is believed: one late frame is an accident
 _CALM = 10  # frames at an effort before the next is tried
 _MARGIN = 0.8  # of the time there is, which the next effort must promise to keep
-_HALF_LIFE = 1000.0  # frames in which half of what was measured is forgotten
+_HALF_LIFE = 500.0  # frames in which half of what was measured is forgotten
 
 
 class EffortGovernor:
@@ -26,7 +26,7 @@ class EffortGovernor:
     ----------
     efforts : sequence of str
         From the least to the most that may be spent.
-    budget_s : float
+    period_s : float
         Time there is for a frame, s: one over the rate.
 
     Attributes
@@ -35,13 +35,14 @@ class EffortGovernor:
         Whether even the least effort takes longer.
     """
 
-    def __init__(self, efforts: Sequence[str], budget_s: float) -> None:
-        if not efforts or not budget_s > 0:
-            raise ValueError(f"expected efforts and a positive budget, got {tuple(efforts)} and {budget_s!r} s")
-        self._efforts, self._budget_s = tuple(efforts), budget_s
+    def __init__(self, efforts: Sequence[str], period_s: float) -> None:
+        if not efforts or not period_s > 0:
+            raise ValueError(f"expected efforts and a positive period, got {tuple(efforts)} and {period_s!r} s")
+        self._efforts, self._period_s = tuple(efforts), period_s
         self._ratios = [_STEP] * (len(self._efforts) - 1)
         self._level = 0
         self._recent: deque[float] = deque(maxlen=_WINDOW)
+        self._others: deque[float] = deque(maxlen=_WINDOW)
         self._frames = 0
         self._before: tuple[int, float] | None = None
         self.missed = False
@@ -51,19 +52,29 @@ class EffortGovernor:
         """What to spend on the next frame."""
         return self._efforts[self._level]
 
-    def record(self, took_s: float) -> None:
-        """Note how long a frame took at the present effort, s; this may change it."""
+    def record(self, took_s: float, others_s: float = 0.0) -> None:
+        """Note how long a frame took; this may change the effort.
+
+        Parameters
+        ----------
+        took_s : float
+            At the present effort, s.
+        others_s : float
+            What had to be done besides, s, whatever the effort.
+        """
         self._recent.append(took_s)
+        self._others.append(others_s)
         self._frames += 1
         now_s = statistics.median(self._recent)
+        budget_s = self._period_s - statistics.median(self._others)
         self._compare(now_s)
         on_trial = self._before is not None and self._before[0] < self._level
-        late = now_s > self._budget_s and (on_trial or len(self._recent) == _WINDOW)
-        self.missed = self._level == 0 and (late or (self.missed and now_s > self._budget_s))
+        late = now_s > budget_s and (on_trial or len(self._recent) == _WINDOW)
+        self.missed = self._level == 0 and (late or (self.missed and now_s > budget_s))
         if late and self._level > 0:
             self._change(-1, now_s)
         elif not late and self._level < len(self._ratios):
-            self._consider(now_s)
+            self._consider(now_s, budget_s)
         if self._frames == _WINDOW:
             self._before = None
 
@@ -74,10 +85,10 @@ class EffortGovernor:
             low, high = (before_s, now_s) if level < self._level else (now_s, before_s)
             self._ratios[min(level, self._level)] = max(1.0, high / max(low, 1e-9))
 
-    def _consider(self, now_s: float) -> None:
+    def _consider(self, now_s: float, budget_s: float) -> None:
         """Climb where the next effort promises to fit."""
         self._ratios[self._level] = max(1.0, self._ratios[self._level] * 0.5 ** (1 / _HALF_LIFE))
-        if self._frames >= _CALM and now_s * self._ratios[self._level] < _MARGIN * self._budget_s:
+        if self._frames >= _CALM and now_s * self._ratios[self._level] < _MARGIN * budget_s:
             self._change(+1, now_s)
 
     def _change(self, step: int, now_s: float) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 
 from uw_recon_ros.match.methods import EFFORTS
@@ -37,7 +38,7 @@ class NodeMatcher:
             self._governor = EffortGovernor(efforts, 1 / rate.target_rate_hz)
         self._matches = {effort: Match(replace(params, effort=effort)) for effort in efforts}
         self._sequence = MatchSequence()
-        self._matched = False
+        self._matched_s: float | None = None
 
     @property
     def effort(self) -> str:
@@ -51,21 +52,23 @@ class NodeMatcher:
 
     def __call__(self, pair: RectifiedPair) -> DisparityMap:
         """Match one pair."""
-        self._matched = True
-        return self._sequence(self._matches[self.effort], pair)
+        began = time.monotonic()
+        found = self._sequence(self._matches[self.effort], pair)
+        self._matched_s = time.monotonic() - began
+        return found
 
     def finished(self, took_s: float, diagnostics: Diagnostics) -> None:
         """Take note of how long the node's work on a frame took, s, and report."""
-        if not self._matched:  # nobody listened that far
+        matched_s, self._matched_s = self._matched_s, None
+        if matched_s is None:  # nobody listened that far
             return
-        self._matched = False
         spent = self.effort if self.params.method == "graph_cut" else None
         diagnostics.say(effort=spent)
         if self._governor is None:
             diagnostics.say(**dict.fromkeys((_TARGET, _POSSIBLE)))
             diagnostics.problem("rate", None)
             return
-        self._governor.record(took_s)
+        self._governor.record(matched_s, took_s - matched_s)
         target_hz = self.rate.target_rate_hz
         diagnostics.say(**{_TARGET: f"{target_hz:g}", _POSSIBLE: f"{1 / max(took_s, 1e-9):.2f}"})
         least = f"effort {spent}" if spent else self.params.method
