@@ -49,7 +49,7 @@ class SeaTrial:
         self.graph, self.nodes, self.space = graph, nodes, space
         self.depths: dict[int, Image] = {}
         self.clouds: dict[int, PointCloud2] = {}
-        self.stamp, self.baseline_m = 100 * SECOND, BASELINE
+        self.stamp, self.baseline_m = 100_000 * SECOND, BASELINE
         self._sent_at = 0.0
         self.images = banded_pair()
         bench = graph.bench
