@@ -7,9 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from flood import Source
 from graph_bench import FOUR
 from lifecycle_manager import ACTIVATE, CLEANUP, CONFIGURE, DEACTIVATE, Manager
 from sensor_msgs.msg import Image, PointCloud2
+from stereo_msgs.msg import DisparityImage
+
+from uw_recon_ros.ros.diagnostics import SUPERSEDED
 
 pytestmark = [pytest.mark.graph, pytest.mark.timeout(180)]
 BAG = Path(__file__).parents[2] / "bags" / "amphora"
@@ -49,3 +53,24 @@ def test_up_paused_changed_and_down(graph: Any) -> None:
         executable.signal(signal.SIGINT)
         assert executable.wait() == 0
         assert "Traceback" not in executable.output
+
+
+def test_services_are_answered_while_a_frame_is_worked_on(graph: Any) -> None:
+    """A pair of three megapixels takes tens of seconds at this effort; parameters and states do not wait for it."""
+    source = Source(graph)
+    graph.start("disparity_node", "--ros-args", "-p", "effort:=quality", "-p", "max_disparity:=128")
+    graph.bench.listen(DisparityImage, "disparity")
+    source.connect("rectified")
+    manager = Manager(graph.bench.outsider, "disparity_node", graph.spin_until)
+
+    def under_way() -> bool:
+        source.send()
+        return f"dropped: {SUPERSEDED}" in graph.said["/disparity_node"]
+
+    graph.spin_until(under_way, "work")
+    for seed in range(10):
+        assert manager.set(match_seed=seed).successful
+        assert not manager.set(match_seed=-1).successful
+        assert manager.state == "active"
+    assert manager.change(DEACTIVATE, ACTIVATE, DEACTIVATE, CLEANUP, CONFIGURE)
+    assert "work [s]" not in graph.said["/disparity_node"]  # all that while the first frame was under way

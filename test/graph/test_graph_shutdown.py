@@ -8,11 +8,10 @@ import time
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
+from flood import Source
 from lifecycle_manager import CONFIGURE, SHUTDOWN, Manager
-from ros_bench import color, infos, mono, texture
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import Image
 from stereo_msgs.msg import DisparityImage
 
 from uw_recon_ros.ros.diagnostics import SUPERSEDED
@@ -22,7 +21,6 @@ STAGE_NODES = ("preprocess_node", "rectify_node", "disparity_node", "point_cloud
 ALL = (*STAGE_NODES, "bag_player_node")
 BAG = Path(__file__).parents[2] / "bags" / "amphora"
 BOTH = pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["SIGINT", "SIGTERM"])
-SECOND = 1_000_000_000
 IMPATIENT_S = 15.0  # two seconds are promised; a machine under test may be busy
 SIGNS_OF_A_CRASH = ("Traceback", "Fatal Python error", "terminate called", "Segmentation fault")
 
@@ -57,34 +55,6 @@ def test_idle(graph: Any, number: int) -> None:
         said = [line for line in executable.output.splitlines() if line and "compil" not in line]
         assert said == []
     assert executables[-1].output.startswith("sent 0 messages")
-
-
-class Source:
-    """Large images, sent again and again: raw ones, and rectified ones with their camera infos."""
-
-    def __init__(self, graph: Any) -> None:
-        self._graph = graph
-        kinds = {"image_raw": Image, "image_rect": Image, "camera_info": CameraInfo}
-        topics = ["left/image_raw", "right/image_raw"]
-        topics += [f"rectified/{eye}/{kind}" for kind in ("image_rect", "camera_info") for eye in ("left", "right")]
-        self._senders = {topic: graph.bench.talk(kinds[topic.split("/")[-1]], topic) for topic in topics}
-        self._image = np.tile(texture(400, 500), (4, 4, 1))
-        self._sent = 0
-
-    def connect(self) -> None:
-        self._graph.spin_until(lambda: all(sender.get_subscription_count() for sender in self._senders.values()))
-
-    def send(self) -> None:
-        self._sent += 1
-        stamp, left_right = self._sent * SECOND, infos(self._sent * SECOND)
-        for topic, sender in self._senders.items():
-            if "camera_info" in topic:
-                info = left_right["right" in topic]
-                info.height, info.width = self._image.shape[:2]
-                sender.publish(info)
-            else:
-                sender.publish(color(self._image, stamp) if "raw" in topic else mono(self._image[..., 0], stamp))
-        self._graph.bench.spin_for(0.3)
 
 
 @BOTH

@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Sequence
 
 #: How many times longer the next effort takes, until measured: as ``test/benchmark/matching.py`` finds, roughly.
-_STEP = 7.0
+_STEP = 5.0
 _WINDOW = 3  # frames whose median is believed: one late frame is an accident
 _CALM = 10  # frames at an effort before the next is tried
 _MARGIN = 0.8  # of the time there is, which the next effort must promise to keep

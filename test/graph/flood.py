@@ -1,0 +1,40 @@
+"""More large images than any stage can keep up with."""
+
+from __future__ import annotations
+
+import numpy as np
+from graph_bench import Graph
+from ros_bench import color, infos, mono, texture
+from sensor_msgs.msg import CameraInfo, Image
+
+SECOND = 1_000_000_000
+
+
+class Source:
+    """Large images, sent again and again: raw ones, and rectified ones with their camera infos."""
+
+    def __init__(self, graph: Graph) -> None:
+        self._graph = graph
+        kinds = {"image_raw": Image, "image_rect": Image, "camera_info": CameraInfo}
+        topics = ["left/image_raw", "right/image_raw"]
+        topics += [f"rectified/{eye}/{kind}" for kind in ("image_rect", "camera_info") for eye in ("left", "right")]
+        self._senders = {topic: graph.bench.talk(kinds[topic.split("/")[-1]], topic) for topic in topics}
+        self._image = np.tile(texture(400, 500), (4, 4, 1))
+        self._sent = 0
+
+    def connect(self, kind: str = "") -> None:
+        """Wait until whatever is sent, or all topics of one kind, have readers."""
+        wanted = [sender for topic, sender in self._senders.items() if topic.startswith(kind)]
+        self._graph.spin_until(lambda: all(sender.get_subscription_count() for sender in wanted), "readers")
+
+    def send(self) -> None:
+        self._sent += 1
+        stamp, left_right = self._sent * SECOND, infos(self._sent * SECOND)
+        for topic, sender in self._senders.items():
+            if "camera_info" in topic:
+                info = left_right["right" in topic]
+                info.height, info.width = self._image.shape[:2]
+                sender.publish(info)
+            else:
+                sender.publish(color(self._image, stamp) if "raw" in topic else mono(self._image[..., 0], stamp))
+        self._graph.bench.spin_for(0.3)
