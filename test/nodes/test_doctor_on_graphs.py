@@ -289,7 +289,7 @@ def test_the_command_finds_the_name_space_and_says_it_in_json(bench: Bench, rig:
     rig.start()
     bench.start(lambda **options: PipelineNode(namespace="/rov", **options), **FAST)
     bench.listen(DiagnosticArray, "/diagnostics")
-    told = doctor(bench, "--json", "--seconds", "25")
+    told = doctor(bench, "--json", "--seconds", "20")
     said = json.loads(told.stdout)
     assert told.returncode == 0, told.stdout + told.stderr
     assert said["namespace"] == "/rov"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from uw_recon_ros.doctor.observation import Observation, Surroundings
 from uw_recon_ros.ros import transport
 from uw_recon_ros.ros.probe import Probe
 
-_DISCOVERY_S = 2.0
+_SETTLED_S = 1.0
 
 
 def surroundings() -> Surroundings:
@@ -49,12 +49,12 @@ def _udp_ports() -> tuple[int, ...]:
         return ()
 
 
-def _busiest(nodes: Sequence[tuple[str, str]]) -> str:
-    """The name space with most of our stages."""
-    stages: Counter[str] = Counter()
+def _busiest(nodes: Sequence[tuple[str, str]], here: str) -> str:
+    """The name space with most of our stages; `here` among equals."""
+    stages = Counter({here: 0})
     for name, space in nodes:
         stages[space] += len(STAGES) if name == PIPELINE else 1
-    return max(sorted(stages), key=stages.__getitem__, default="/")
+    return max(sorted(stages), key=lambda space: (stages[space], space == here))
 
 
 def observe(namespace: str | None, seconds: float, ros_args: Sequence[str] = ()) -> Observation:
@@ -89,14 +89,12 @@ def observe(namespace: str | None, seconds: float, ros_args: Sequence[str] = ())
         rclpy.try_shutdown(context=context)
         raise ValueError(" ".join(str(error).split())) from error
     executor = SingleThreadedExecutor(context=context)
+    fixed = namespace is not None or any("__ns:=" in argument for argument in ros_args)
     try:
-        if namespace is None and probe.get_namespace() == "/":
-            _spin(executor, probe, lambda: bool(probe.our_nodes()) or probe.seconds > _DISCOVERY_S)
-            space = _busiest(probe.our_nodes())
-            if space != "/":
-                probe.destroy_node()
-                probe = Probe(around, namespace=space, **options)
-        _spin(executor, probe, lambda: probe.satisfied or probe.seconds >= seconds)
+        while _watch(executor, probe, seconds, may_stray=not fixed):
+            space = _busiest(probe.our_nodes(), probe.get_namespace())
+            probe.destroy_node()
+            probe = Probe(around, namespace=space, **options)
         return probe.observation()
     finally:
         executor.shutdown()
@@ -104,8 +102,16 @@ def observe(namespace: str | None, seconds: float, ros_args: Sequence[str] = ())
         rclpy.try_shutdown(context=context)
 
 
-def _spin(executor: SingleThreadedExecutor, probe: Probe, until: Callable[[], bool]) -> None:
+def _watch(executor: SingleThreadedExecutor, probe: Probe, seconds: float, *, may_stray: bool) -> bool:
+    """Spin until clouds come, time is up, or most of our nodes turn out to be elsewhere: then return True."""
     executor.add_node(probe)
-    while not until():
-        executor.spin_once(timeout_sec=0.1)
-    executor.remove_node(probe)
+    try:
+        while not probe.satisfied and probe.seconds < seconds:
+            executor.spin_once(timeout_sec=0.1)
+            if may_stray and probe.seconds > _SETTLED_S:
+                here = probe.get_namespace()
+                if _busiest(probe.our_nodes(), here) != here:
+                    return True
+        return False
+    finally:
+        executor.remove_node(probe)
