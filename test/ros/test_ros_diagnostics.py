@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from uw_recon_ros.ros.diagnostics import DEACTIVATED, NO_PARTNER, SUPERSEDED, Diagnostics, Throttle
+from uw_recon_ros.ros.diagnostics import DEACTIVATED, NO_PARTNER, SUPERSEDED, Diagnostics
+from uw_recon_ros.ros.throttle import Throttle
 
 
 def values(status: DiagnosticStatus) -> dict[str, str]:

@@ -7,24 +7,23 @@ from abc import abstractmethod
 from collections.abc import Callable, Iterable
 from typing import Any, Generic, TypeVar
 
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 
 from uw_recon_ros.node_params import NodeParams
 from uw_recon_ros.params import Params
 from uw_recon_ros.ros.assembly import Group
-from uw_recon_ros.ros.diagnostics import Diagnostics, Throttle
+from uw_recon_ros.ros.diagnostics import Diagnostics
 from uw_recon_ros.ros.inputs import Inputs
 from uw_recon_ros.ros.lifecycle import ManagedNode
 from uw_recon_ros.ros.outputs import Outputs, Publishers
 from uw_recon_ros.ros.parameters import NodeParameters, ParameterError, ParameterSet
-from uw_recon_ros.ros.qos import profile
+from uw_recon_ros.ros.reporter import Reporter
 from uw_recon_ros.ros.session import Session
+from uw_recon_ros.ros.throttle import Throttle
 from uw_recon_ros.ros.topics import Input, Output
 
 S = TypeVar("S")
 _REFRESH_S = 0.25
-_DIAGNOSTICS_S = 1.0
 
 
 def _all_classes() -> Iterable[type[Params]]:
@@ -63,6 +62,8 @@ class StageNode(ManagedNode, Generic[S]):
     ----------
     diagnostics : Diagnostics
     inputs : Inputs
+    session : Session or None
+        None while unconfigured.
     warn : Throttle
         Logs a warning, lines of one key not too often.
     """
@@ -77,7 +78,7 @@ class StageNode(ManagedNode, Generic[S]):
         **options: Any,
     ) -> None:
         super().__init__(name, **options)
-        self._session: Session[S] | None = None
+        self.session: Session[S] | None = None
         self._ending: list[Callable[[float], bool]] = []
         self._outputs = tuple(outputs)
         self.warn = Throttle(self.get_logger().warning)
@@ -86,12 +87,9 @@ class StageNode(ManagedNode, Generic[S]):
         self.inputs = Inputs(self, inputs, self.diagnostics, self.warn, self._post)
         self._check_parameters()
         self._declared.watch(self._prepare)
-        self._diagnostics_publisher = self.create_publisher(DiagnosticArray, "/diagnostics", profile())
+        self._reporter = Reporter(self)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timers_kept = [
-            self.create_timer(_REFRESH_S, self._refresh, clock=steady),
-            self.create_timer(_DIAGNOSTICS_S, self._publish_diagnostics, clock=steady),
-        ]
+        self._refresh_timer = self.create_timer(_REFRESH_S, self._follow_listeners, clock=steady)
         if self._declared.current[NodeParams].autostart:
             self.autostart()
 
@@ -115,31 +113,31 @@ class StageNode(ManagedNode, Generic[S]):
     @property
     def stage(self) -> S | None:
         """What `build` made last; None while unconfigured."""
-        return None if self._session is None else self._session.stage
+        return None if self.session is None else self.session.stage
 
     def configure(self) -> None:
         """Make stage and publishers, and begin to warm up."""
         stage = self.build(self._declared.current)
-        self._session = Session(self, stage, Publishers(self, self._outputs, self._follow_listeners))
+        self.session = Session(self, stage, Publishers(self, self._outputs, self._follow_listeners))
         self._set_inputs(self._declared.current)
 
     def activate(self) -> None:
         """Subscribe, as long as somebody listens."""
-        assert self._session is not None
-        self._session.open()
+        assert self.session is not None
+        self.session.open()
         self._follow_listeners()
 
     def deactivate(self) -> None:
         """Unsubscribe; send nothing more, not even what is under way."""
         self.inputs.deactivate()
-        if self._session is not None:
-            self._session.close()
+        if self.session is not None:
+            self.session.close()
 
     def cleanup(self) -> None:
         """Free everything, what is known of the rig included."""
-        if self._session is not None:
-            self._ending = [ended for ended in (*self._ending, self._session.end()) if not ended(0.0)]
-            self._session = None
+        if self.session is not None:
+            self._ending = [ended for ended in (*self._ending, self.session.end()) if not ended(0.0)]
+            self.session = None
         self.diagnostics.forget()
 
     def stop(self, timeout_s: float = 1.0) -> bool:
@@ -159,7 +157,7 @@ class StageNode(ManagedNode, Generic[S]):
             raise ParameterError(str(error)) from error
 
     def _prepare(self, proposed: ParameterSet) -> Callable[[], None]:
-        session, stage = self._session, self.stage
+        session, stage = self.session, self.stage
         if session is None or self._declared.current.changed(proposed) - {NodeParams}:
             stage = self.build(proposed)
 
@@ -178,36 +176,18 @@ class StageNode(ManagedNode, Generic[S]):
         self.inputs.refresh()
 
     def _post(self, group: Group) -> None:
-        if self._session is not None:
-            self._session.post(group)
+        if self.session is not None:
+            self.session.post(group)
 
     def _follow_listeners(self) -> None:
         """Subscribe while somebody listens; look again at who publishes what."""
-        if self._session is None or not self._session.outputs.open:
+        if self.session is None or not self.session.outputs.open:
             return
-        wanted = self._session.outputs.wanted()
+        wanted = self.session.outputs.wanted()
         if wanted == self.inputs.active:
             self.inputs.refresh()
         elif wanted:
             self.inputs.activate()
         else:
             self.inputs.deactivate()
-            self._session.discard()
-
-    def _refresh(self) -> None:
-        self._follow_listeners()
-        news = self._session.warm_up.news() if self._session is not None else None
-        if news is not None:
-            self.get_logger().info(news)
-
-    def _publish_diagnostics(self) -> None:
-        warming = self._session is not None and self._session.warm_up.running
-        if self._session is not None:
-            self.diagnostics.say(warm_up="running" if warming else "done")
-        listeners = self._session.outputs.listeners() if self._session is not None else {}
-        self.diagnostics.connect(self.inputs.publishers(), listeners)
-        note = "warming up: compiling" if warming else ""
-        status = self.diagnostics.tick(self.get_fully_qualified_name(), self.state, note, self.trouble)
-        message = DiagnosticArray(status=[status])
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics_publisher.publish(message)
+            self.session.discard()

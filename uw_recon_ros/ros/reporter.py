@@ -1,0 +1,45 @@
+"""What a node says without being asked: its diagnostics once a second, and in the log that it compiles."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.clock import Clock, ClockType
+
+from uw_recon_ros.ros.qos import profile
+
+if TYPE_CHECKING:
+    from uw_recon_ros.ros.node import StageNode
+
+_PERIOD_S = 1.0
+
+
+class Reporter:
+    """Publishes a node's diagnostics in every state, whatever the node's clock does.
+
+    Parameters
+    ----------
+    node : StageNode
+    """
+
+    def __init__(self, node: StageNode[Any]) -> None:
+        self._node = node
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", profile())
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = node.create_timer(_PERIOD_S, self._report, clock=steady)
+
+    def _report(self) -> None:
+        node, session = self._node, self._node.session
+        warming, listeners = False, dict[str, int]()
+        if session is not None:
+            warming, listeners = session.warm_up.running, session.outputs.listeners()
+            node.diagnostics.say(warm_up="running" if warming else "done")
+            if (news := session.warm_up.news()) is not None:
+                node.get_logger().info(news)
+        node.diagnostics.connect(node.inputs.publishers(), listeners)
+        note = "warming up: compiling" if warming else ""
+        status = node.diagnostics.tick(node.get_fully_qualified_name(), node.state, note, node.trouble)
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = node.get_clock().now().to_msg()
+        self._publisher.publish(message)
