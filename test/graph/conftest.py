@@ -9,6 +9,11 @@ import pytest
 from graph_bench import Bench, Graph
 
 
+@pytest.fixture(scope="session", autouse=True)
+def warm(compiled: None) -> None:
+    """Every test in here finds the kernels compiled."""
+
+
 @pytest.fixture
 def graph(tmp_path: Path) -> Iterator[Graph]:
     bench = Bench()

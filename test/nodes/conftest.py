@@ -6,6 +6,11 @@ import pytest
 from ros_bench import Bench
 
 
+@pytest.fixture(scope="session", autouse=True)
+def warm(compiled: None) -> None:
+    """Every test in here finds the kernels compiled."""
+
+
 @pytest.fixture
 def bench() -> Iterator[Bench]:
     bench = Bench()
