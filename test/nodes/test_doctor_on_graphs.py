@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 import tempfile
@@ -198,6 +199,43 @@ def test_best_effort_against_an_override_that_demands_reliable(bench: Bench, rig
     line = cause(examine("best effort"))
     assert "/outsider offers best effort only, /pipeline_node demands reliable" in line
     assert "qos_overrides" in line
+
+
+DRIVER = """
+import array, rclpy
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import Image
+rclpy.init()
+driver = rclpy.create_node("driver")
+image = Image(height=600, width=800, encoding="bgr8", step=2400, data=array.array("B", bytes(1440000)))
+eyes = [driver.create_publisher(Image, f"{eye}/image_raw", qos_profile_sensor_data) for eye in ("left", "right")]
+def publish():
+    image.header.stamp = driver.get_clock().now().to_msg()
+    for eye in eyes:
+        eye.publish(image)
+driver.create_timer(0.1, publish)
+try:
+    rclpy.spin(driver)
+except (KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
+    pass
+"""
+
+
+def test_large_images_that_best_effort_loses(bench: Bench, examine: Any) -> None:
+    """A driver as most are: sensor-data QoS, Fast DDS as it comes. None arrive, or few: named in either case."""
+    plain = {name: value for name, value in os.environ.items() if "PROFILES_FILE" not in name}
+    driver = subprocess.Popen([sys.executable, "-c", DRIVER], env=plain, start_new_session=True)
+    try:
+        bench.start(PreprocessNode)
+        bench.spin_until(lambda: bench.outsider.count_publishers("right/image_raw"), "the driver")
+        diagnosis = examine(seconds=3.0)
+    finally:
+        driver.send_signal(signal.SIGINT)
+        driver.wait(30)
+    for eye in ("left", "right"):
+        (finding,) = [f for f in diagnosis.findings if f"/{eye}/image_raw" in f.text and "best effort" in f.text]
+        assert "lost" in finding.text
+        assert "publish reliable" in finding.advice
 
 
 def test_stamps_apart(bench: Bench, rig: Rig, examine: Any) -> None:
