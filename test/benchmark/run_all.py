@@ -15,7 +15,7 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 LIBRARIES = {"run_all", "drowned_pairs", "simulated_frames", "peers", "wls_peer", "match_tables", "match_plot"}
-WRITES_FILES = {"matching", "matching_profile", "match_growth", "match_startup", "kz2_reference"}
+WRITES_FILES = {"matching", "matching_profile", "matching_sequence", "match_growth", "match_startup", "kz2_reference"}
 
 
 def main() -> int:
