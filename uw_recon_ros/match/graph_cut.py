@@ -126,7 +126,7 @@ def graph_cut(
         Shapes differ, limits are exchanged, or the effort is unknown.
     """
     _require(left, right, min_disparity, max_disparity, effort)
-    eyes = _Eye.pair(left, right)
+    eyes = _Eye.pair(left, right, threads)
     limits = (min_disparity, max_disparity)
     start, status = _start(eyes, limits, threads)
     blank = untextured(eyes[0].pixels, eyes[1].pixels)
@@ -161,7 +161,9 @@ def _start(eyes: tuple[_Eye, _Eye], limits: tuple[int, int], threads: int) -> tu
     shrink = 1
     while VOXEL_BYTES * height * width * (limits[1] - limits[0] + 1) / shrink**3 > MOST_BYTES:
         shrink *= 2
-    left, right = eyes if shrink == 1 else _Eye.pair(*(_shrunk(eye.pixels, shrink) for eye in eyes))
+    left, right = eyes
+    if shrink > 1:
+        left, right = _Eye.pair(_shrunk(left.pixels, shrink), _shrunk(right.pixels, shrink), threads)
     scale = width / left.gray.shape[1]
     small = math.floor(limits[0] / scale), math.ceil(limits[1] / scale)
     start = semiglobal_start(left.planes, right.planes, left.gray, right.gray, left.noise, *small, threads)
@@ -197,10 +199,10 @@ class _Eye:
     noise: float
 
     @classmethod
-    def pair(cls, left: ByteImage, right: ByteImage) -> tuple[_Eye, _Eye]:
+    def pair(cls, left: ByteImage, right: ByteImage, threads: int) -> tuple[_Eye, _Eye]:
         """Both, made alike."""
         pixels = [np.ascontiguousarray(np.atleast_3d(image)) for image in (left, right)]
-        *grays, noise = gray_pair(*pixels)
+        *grays, noise = gray_pair(pixels[0], pixels[1], threads)
         first, second = (
             cls(p, np.ascontiguousarray(p.transpose(2, 0, 1)), g, noise) for p, g in zip(pixels, grays, strict=True)
         )
@@ -238,7 +240,7 @@ def _planes(
 ) -> Labelling:
     """Cover a view with planes."""
     first = fill_background(np.where(usable, seen, np.float32(np.nan)))
-    view = _view(eye, other, seen, usable, limits)
+    view = _view(eye, other, seen, usable, limits, threads)
     state = Labelling(
         np.stack([np.zeros_like(first), np.zeros_like(first), first]),
         np.full(first.shape, FORBIDDEN, np.float32),
@@ -253,10 +255,10 @@ def _planes(
     return state
 
 
-def _view(eye: _Eye, other: _Eye, seen: FloatImage, usable: Mask, limits: tuple[int, int]) -> View:
+def _view(eye: _Eye, other: _Eye, seen: FloatImage, usable: Mask, limits: tuple[int, int], threads: int) -> View:
     shape = eye.gray.shape
     arms, inverse = np.empty((4, *shape), np.uint8), np.empty(shape, np.float32)
-    measure_arms(eye.pixels, arms)
+    share(lambda b: measure_arms(eye.pixels, *b, arms), bands(shape[0], threads), threads)
     inverse_size(arms, inverse)
     softness, sign = weigh(eye.noise)
     pattern = WIDE if eye.noise > 0.5 else CLOSE
@@ -265,21 +267,24 @@ def _view(eye: _Eye, other: _Eye, seen: FloatImage, usable: Mask, limits: tuple[
     outside = max(usual.matched, OUTSIDE / WORST * usual.cut)
     return View(
         framed(eye.gray), np.int16(softness), np.int16(sign), np.int16(round(usual.cut * largest)),
-        np.int16(round(outside * largest)), pattern, _between_pixels(other.gray), arms, inverse,
+        np.int16(round(outside * largest)), pattern, _between_pixels(other.gray, threads), arms, inverse,
         np.float32(limits[0]), np.float32(limits[1]),
     )  # fmt: skip
 
 
-def _between_pixels(gray: Gray) -> NDArray[np.int16]:
+def _between_pixels(gray: Gray, threads: int) -> NDArray[np.int16]:
     """Four samples a pixel along the rows, by cubic interpolation."""
     height, width = gray.shape
     source = gray.astype(np.float32)
     flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
     samples = np.empty((height, width, QUARTERS), np.int16)
-    for i in range(QUARTERS):
+
+    def move(i: int) -> None:
         shift = np.array([[1, 0, i / QUARTERS], [0, 1, 0]], np.float32)
         moved = cv2.warpAffine(source, shift, (width, height), flags=flags, borderMode=cv2.BORDER_REPLICATE)
         samples[..., i] = np.round(moved).clip(-MOST, MOST)
+
+    share(move, range(QUARTERS), threads)
     return np.ascontiguousarray(samples.reshape(height, -1)[:, : QUARTERS * (width - 1) + 1])
 
 

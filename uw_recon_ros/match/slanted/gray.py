@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_recon_ros.match.slanted.workers import share
 from uw_recon_ros.types import ByteImage, FloatImage
 
 CONTRAST = 128  #: units that the median local contrast of either eye is made to be
@@ -20,7 +21,7 @@ _CONTRAST_WINDOW = 9
 Gray = NDArray[np.int16]
 
 
-def gray_pair(left: ByteImage, right: ByteImage) -> tuple[Gray, Gray, float]:
+def gray_pair(left: ByteImage, right: ByteImage, threads: int = 1) -> tuple[Gray, Gray, float]:
     """Gray images of both eyes, (H, W), of contrast `CONTRAST` each; and how noisy they are, from 0 to 1.
 
     Where noise is strong against the contrast, the mean of the channels carries less of it than the luminance, and
@@ -30,10 +31,18 @@ def gray_pair(left: ByteImage, right: ByteImage) -> tuple[Gray, Gray, float]:
     ----------
     left, right : (H, W, C) uint8
         C = 1 or 3.
+    threads : int
+        The result does not depend on it.
     """
     ratio = noise_to_contrast(mixed(left, 0))
     noise = float(np.clip((ratio - CLEAN) / (NOISY - CLEAN), 0, 1))
-    return _normalised(left, noise), _normalised(right, noise), noise
+    images, grays = (left, right), [np.empty(0, np.int16)] * 2
+
+    def normalise(eye: int) -> None:
+        grays[eye] = _normalised(images[eye], noise)
+
+    share(normalise, (0, 1), min(threads, 2))
+    return grays[0], grays[1], noise
 
 
 def noise_to_contrast(gray: FloatImage) -> float:

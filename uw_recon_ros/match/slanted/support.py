@@ -22,10 +22,13 @@ Arms = NDArray[np.uint8]
 
 
 @kernel
-def measure_arms(image: ByteImage, arms: Arms) -> None:
-    """Write the arms to the left, right, upwards and downwards, (4, H, W), of an (H, W, C) image, px."""
+def measure_arms(image: ByteImage, first: int, last: int, arms: Arms) -> None:
+    """Write the arms to the left, right, upwards and downwards, (4, H, W), of an (H, W, C) image, px.
+
+    Rows `first` to `last`.
+    """
     height, width, channels = image.shape
-    for v in range(height):
+    for v in range(first, last):
         for u in range(width):
             for side in range(4):
                 du = (-1, 1, 0, 0)[side]
