@@ -17,19 +17,12 @@ from sensor_msgs.msg import PointCloud2
 
 from uw_recon_ros.bags.writer import BagWriter
 from uw_recon_ros.catalogue import ALL_PARAMS
-from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.params import read_parameter_file
 
 ROOT = Path(__file__).parents[2]
 FILE = ROOT / "launch" / "uw_recon.launch.py"
 FOUR = ["preprocess_node", "rectify_node", "disparity_node", "point_cloud_node"]
 SECOND = 1_000_000_000
-
-
-@pytest.fixture(scope="module", autouse=True)
-def compiled() -> None:
-    """The matcher's kernels, so that no graph has to wait for them."""
-    Match(MatchParams(effort="navigation")).warm_up()
 
 
 @pytest.fixture

@@ -32,7 +32,6 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from uw_recon_ros.doctor.chain import LISTENED, PIPELINE, STAGES, TYPES
 from uw_recon_ros.doctor.diagnose import Diagnosis, diagnose
 from uw_recon_ros.doctor.text import as_table
-from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.nodes import disparity_node, pipeline_node, point_cloud_node, preprocess_node, rectify_node
 from uw_recon_ros.nodes.pipeline_node import PipelineNode
 from uw_recon_ros.nodes.preprocess_node import PreprocessNode
@@ -43,12 +42,6 @@ from uw_recon_ros.ros.probe import Probe
 PERIOD_S = 0.1
 FAST = {"min_disparity": 0, "max_disparity": 24, "effort": "navigation"}
 pytestmark = pytest.mark.timeout(300)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def compiled() -> None:
-    """The matcher's kernels, so that no graph has to wait for them."""
-    Match(MatchParams(effort="navigation")).warm_up()
 
 
 @dataclass

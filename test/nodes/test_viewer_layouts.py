@@ -9,13 +9,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from ros_bench import Bench, banded_pair, color, infos, stamped
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
-from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.nodes import pipeline_node
 from uw_recon_ros.nodes.pipeline_node import PipelineNode
 
@@ -29,12 +27,6 @@ TYPES = {
 LATCHED = {f"/{output.topic}" for output in pipeline_node.OUTPUTS if output.latched}
 SHOWS = {"Image": "Image", "PointCloud2": "PointCloud2", "Marker": "Marker"}  # RViz's display of a message
 NOT_IN_RVIZ = {"CameraInfo", "DisparityImage", "CompressedImage"}  # it has no display for these
-
-
-@pytest.fixture(scope="module", autouse=True)
-def compiled() -> None:
-    """The matcher's kernels, so that no graph has to wait for them."""
-    Match(MatchParams(effort="navigation")).warm_up()
 
 
 def rviz_displays(node: Any) -> Iterator[dict[str, Any]]:
