@@ -205,6 +205,11 @@ def _compare(y, v, start, stop, view, desk):  # type: ignore[no-untyped-def]
             row, p, q = y + RADIUS + dv, x + du, u + du
             next_apart, next_theirs = desk.apart[row, p : p + BLOCK], desk.bent[row, p : p + BLOCK]
             next_mine = view.gray[v + RADIUS + dv, q : q + BLOCK]
+            if sign == 0:  # in noise; half of the time is theirs
+                for i in range(BLOCK):
+                    size = min(np.int16(abs(np.int16(next_apart[i] - apart[i]))), softness)
+                    total[i] = np.int16(total[i] + size)
+                continue
             for i in range(BLOCK):
                 size = min(np.int16(abs(np.int16(next_apart[i] - apart[i]))), softness)
                 other_sign = (next_theirs[i] > theirs[i]) != (next_mine[i] > mine[i])
