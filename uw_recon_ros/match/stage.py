@@ -61,8 +61,8 @@ class MatchParams(Params):
     )
     use_previous: bool = param(
         False,
-        "Nodes start graph_cut from the last frame's surfaces, moved along: a third less time, about as accurate; but what "
-        "a frame gives then depends on those before it.",
+        "Nodes start graph_cut from the last frame's surfaces, moved along: a third less time, about as accurate; but "
+        "what a frame gives then depends on those before it.",
     )
     match_threads: int = param(
         0, "Threads that share the work; 0: one a processor. The result does not depend on it.", low=0, high=64
