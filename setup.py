@@ -51,6 +51,7 @@ setup(
         (f"share/{NAME}", ["package.xml"]),
         (f"share/{NAME}/launch", sorted(glob("launch/*.launch.py"))),
         (f"share/{NAME}/config", sorted(glob("config/*.*"))),
+        (f"share/{NAME}/config/security", sorted(glob("config/security/*"))),
         (f"share/{NAME}/config/rviz", sorted(glob("config/rviz/*"))),
         (f"share/{NAME}/config/foxglove", sorted(glob("config/foxglove/*"))),
     ],

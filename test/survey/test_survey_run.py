@@ -137,7 +137,7 @@ def moments(out: Path) -> list[Callable[[], bool]]:
 
     return [
         (state / "lock").exists,
-        (state / "plan.pickle").exists,
+        (state / "plan.npz").exists,
         lambda: any((state / "staging").glob("*/*/*")),  # a file half-written
         rows(1),
         lambda: rows(2)() and any((state / "staging").glob("*/3/*")),
@@ -295,7 +295,7 @@ def test_a_full_disk_stops_it_and_it_goes_on_when_there_is_room(
     script = tmp_path / "limited.py"
     script.write_text(code)
     share = sum(p.stat().st_size for p in (undisturbed / product).iterdir()) / FRAMES
-    limit = (undisturbed / "state" / "plan.pickle").stat().st_size + 500
+    limit = (undisturbed / "state" / "plan.npz").stat().st_size + 500
     assert limit < 0.9 * share
     args = arguments(room, tmp_path / "out", "--write", product)
     done = subprocess.run([sys.executable, str(script), str(limit), *args], capture_output=True, text=True, check=False)

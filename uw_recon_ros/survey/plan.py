@@ -1,12 +1,11 @@
 """What every process needs to know before its first frame, as a file beside the output.
 
-A task carries the file's path and digest, so it is small, and what is unpickled is what this very run has written.
+A task carries the file's path and digest, so it is small, and what is read is what this very run has written.
 """
 
 from __future__ import annotations
 
 import hashlib
-import pickle
 import platform
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -17,15 +16,21 @@ from pathlib import Path
 from typing import Any
 
 from uw_recon_ros import __version__
+from uw_recon_ros.match.stage import MatchParams
 from uw_recon_ros.pipeline import PipelineParams
+from uw_recon_ros.preprocess.stage import PreprocessParams
+from uw_recon_ros.reconstruct.stage import ReconstructParams
 from uw_recon_ros.rectify.rectification import Rectification
+from uw_recon_ros.rectify.stage import RectifyParams
+from uw_recon_ros.rectify.views import View
 from uw_recon_ros.survey.differences import compare, describe
 from uw_recon_ros.survey.durable import write_durably
+from uw_recon_ros.survey.packed import pack, unpack
 from uw_recon_ros.survey.params import SurveyParams
 from uw_recon_ros.survey.places import Frame
 from uw_recon_ros.survey.sources import Source
 from uw_recon_ros.survey.store import SurveyError
-from uw_recon_ros.types import StereoCalibration
+from uw_recon_ros.types import CameraModel, RectificationQuality, StereoCalibration, StereoGeometry, Window
 
 #: Packages whose version may change a bit of the output.
 _DEPENDENCIES = (
@@ -96,7 +101,7 @@ class Task:
     Parameters
     ----------
     plan : str
-        File of the pickled `Plan`.
+        File of the packed `Plan`.
     digest : str
         SHA-256 of that file.
     frame : Frame
@@ -107,10 +112,16 @@ class Task:
     frame: Frame
 
 
+_CLASSES = (
+    Plan, Source, StereoCalibration, CameraModel, SurveyParams, PipelineParams, PreprocessParams, RectifyParams,
+    MatchParams, ReconstructParams, Rectification, View, StereoGeometry, RectificationQuality, Window,
+)  # fmt: skip
+
+
 def save_plan(plan: Plan, state: Path) -> Callable[[Frame], Task]:
     """Write the plan; return what makes a task of a frame."""
-    path = (state / "plan.pickle").absolute()
-    data = pickle.dumps(plan)
+    path = (state / "plan.npz").absolute()
+    data = pack(plan)
     write_durably(path, data)
     digest = hashlib.sha256(data).hexdigest()
     return lambda frame: Task(str(path), digest, frame)
@@ -127,7 +138,7 @@ def load_plan(task: Task) -> Plan:
     data = Path(task.plan).read_bytes()
     if hashlib.sha256(data).hexdigest() != task.digest:
         raise SurveyError(f"{task.plan}: expected the plan of this run, got another")
-    plan: Any = pickle.loads(data)
+    plan: Any = unpack(data, _CLASSES)
     differences = compare(plan.versions, versions())
     if differences:
         raise SurveyError(
