@@ -6,7 +6,7 @@ import pytest
 
 
 @pytest.fixture(scope="session")
-def compiled() -> None:
+def kernels_compiled() -> None:
     """Have the kernels compiled: no node under test should wait for that, and no test for the node."""
     from uw_recon_ros.match.methods import EFFORTS
     from uw_recon_ros.match.stage import Match, MatchParams

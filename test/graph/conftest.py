@@ -10,7 +10,7 @@ from graph_bench import Bench, Graph
 
 
 @pytest.fixture(scope="session", autouse=True)
-def warm(compiled: None) -> None:
+def warm(kernels_compiled: None) -> None:
     """Every test in here finds the kernels compiled."""
 
 

@@ -7,7 +7,7 @@ from ros_bench import Bench
 
 
 @pytest.fixture(scope="session", autouse=True)
-def warm(compiled: None) -> None:
+def warm(kernels_compiled: None) -> None:
     """Every test in here finds the kernels compiled."""
 
 
