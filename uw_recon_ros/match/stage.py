@@ -61,7 +61,7 @@ class MatchParams(Params):
     )
     use_previous: bool = param(
         False,
-        "Nodes start graph_cut from the last frame's surfaces, moved along: a third less time, about as accurate; but "
+        "Nodes start graph_cut from the last frame's surfaces, moved along: a fourth less time, about as accurate; but "
         "what a frame gives then depends on those before it.",
     )
     match_threads: int = param(
