@@ -30,7 +30,6 @@ from uw_recon_ros.match.slanted.workers import bands, share
 from uw_recon_ros.types import ByteImage, FloatImage, Mask, Status
 
 VOXEL_BYTES, MOST_BYTES = 5, 1.0e9  #: of the start's cost volume, and what it may take before images are made smaller
-SMOOTHNESS, BEND = 1.0, 2.0  #: energy of a step of 1 px between like neighbours; where it is cut, px
 
 
 @dataclass(frozen=True)
@@ -43,8 +42,8 @@ class Schedule:
         None: the start, checked, is the result.
     least_gain : float
         See `refine.refine`.
-    units : float
-        See `moves.Labelling`.
+    units, smoothness, bend : float
+        See `moves.Labelling`. An effort that searches longer needs less smoothness to find the same surfaces.
     following : tuple of Pass
         The passes for a frame that continues one whose planes are known.
     """
@@ -53,6 +52,8 @@ class Schedule:
     least_gain: float = 4.0
     units: float = 10.0
     following: tuple[Pass, ...] = ()
+    smoothness: float = 1.0
+    bend: float = 2.0
 
 
 _FIRST = (Pass(FIT, 6, False), Pass(POINTS, 6, False))
@@ -64,7 +65,7 @@ _FOLLOWING = (
 SCHEDULES = {
     "navigation": Schedule(()),
     "balanced": Schedule(_FIRST + _ROUND, following=_FOLLOWING),
-    "quality": Schedule(_FIRST + 6 * _ROUND, 2.0, 32.0, _FOLLOWING + 2 * _ROUND),
+    "quality": Schedule(_FIRST + 8 * _ROUND, 1.0, 64.0, _FOLLOWING + 3 * _ROUND, 0.7, 1.5),
 }
 
 
@@ -245,8 +246,8 @@ def _planes(
         np.stack([np.zeros_like(first), np.zeros_like(first), first]),
         np.full(first.shape, FORBIDDEN, np.float32),
         edge_weights(eye.pixels, eye.noise),
-        np.float32(SMOOTHNESS),
-        np.float32(BEND),
+        np.float32(schedule.smoothness),
+        np.float32(schedule.bend),
         np.float32(schedule.units),
     )
     passes = schedule.passes if moved is None else schedule.following

@@ -26,7 +26,7 @@ from uw_recon_ros.types import FloatImage
 
 BLOCK = 64  #: pixels compared at once
 QUARTERS = 4  #: samples a pixel in `View.other`
-SOFTNESS, SOFTNESS_NOISY = 0.6, 1.2  #: part of the contrast at which the difference between differences is cut
+SOFTNESS, SOFTNESS_NOISY = 0.4, 1.2  #: part of the contrast at which the difference between differences is cut
 SIGNS, SIGNS_NOISY = 0.5, 0.0  #: weight of the signs
 WORST = 2.0  #: cost of what differs as much as by chance
 OUTSIDE = 1.0  #: least cost of a match outside the other view; no less than a usual match
