@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
@@ -12,19 +14,25 @@ from uw_recon_ros.errors import ImageError
 from uw_recon_ros.types import FloatImage, RawImage, StereoPair
 
 R = TypeVar("R")
+_kept = threading.local()
 
 _DEPTHS = (8, 10, 12, 14, 16)  # bits of the sensors there are
 
 
 class TwoThreads:
-    """Calls a function for the left and the right eye at once; the libraries below release the interpreter's lock."""
+    """Calls a function for the left and the right eye at once; the libraries below release the interpreter's lock.
+
+    The second thread belongs to the calling one and is kept: a thread made for every frame makes memory creep.
+    """
 
     def __enter__(self) -> TwoThreads:
-        self._pool = ThreadPoolExecutor(max_workers=1)
+        if getattr(_kept, "process", None) != os.getpid():  # after a fork the thread is not there
+            _kept.pool, _kept.process = ThreadPoolExecutor(max_workers=1), os.getpid()
+        self._pool: ThreadPoolExecutor = _kept.pool
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._pool.shutdown()
+        pass
 
     def __call__(self, function: Callable[..., R], *arguments: tuple[Any, Any]) -> tuple[R, R]:
         """``function`` of the left arguments, and of the right ones."""
