@@ -30,6 +30,7 @@ TABLES: dict[str, tuple[str, Callable[[Any], str]]] = {
     "matching under water": ("matching.json", match_tables.under_water),
     "matching growth": ("match_growth.json", lambda data: match_tables.growth(data["growth"])),
     "matching hard inputs": ("match_growth.json", lambda data: match_tables.hard_inputs(data["hard"])),
+    "matching profile": ("matching_profile.json", match_tables.profile),
     "matching start-up": ("match_startup.json", match_tables.startup),
 }
 MARKED = re.compile(r"(<!-- bench: (?P<name>[^\n]+?) -->\n).*?(<!-- end -->)", re.DOTALL)

@@ -95,7 +95,7 @@ def _labels(points: list[tuple[str, float, float]]) -> list[str]:
     parts = []
     for method, x, y in points:
         name = method.replace("graph_cut ", "")
-        width = 6.4 * len(name)
+        width = sum(8.6 if letter.isupper() else 6.4 for letter in name)
         places = [(x + 9, y + 4), (x - 9 - width, y + 4)]
         places += [(x - width / 2 + shift, y + down) for down in (20, -12, 34) for shift in (0, width / 3, -width / 3)]
         for left, base in places:

@@ -150,3 +150,19 @@ def startup(rows: list[Row]) -> str:
     return markdown(
         head, ((r["what"], f"{r['cpu_s']:.2g}", f"{r['wall_s']:.2g}", r["misses"], r["hits"]) for r in rows)
     )
+
+
+def profile(found: dict[str, Any]) -> str:
+    """A line a step of the matcher, a column a scene: CPU seconds and their share of the whole."""
+    from matching_profile import INSIDE, STEPS
+
+    titles = [title for title, *_ in STEPS]
+    at = titles.index("moves") + 1
+    titles[at:at] = [title for title, *_ in INSIDE]
+    lines = [("all", *(f"{of['cpu_s']:.2f}" for of in found.values()))]
+    for title in titles:
+        seconds = [(of["steps_cpu_s"].get(title, 0.0), of["cpu_s"]) for of in found.values()]
+        if any(part for part, _ in seconds):
+            shown = title.replace("  ", "&nbsp;&nbsp;")
+            lines.append((shown, *(f"{part:.3f} ({100 * part / whole:.0f} %)" for part, whole in seconds)))
+    return markdown(("CPU s, one thread", *found), lines)

@@ -48,7 +48,7 @@ def test_blank_patch_is_told_from_the_wall_around_it(effort: str, sigma: float, 
     outside = np.ones(low.shape, bool)
     outside[inside(0)] = False
     assert not low[outside].any()
-    outside[:, :30] = False  # what could lie outside the other view is another matter
+    outside[:, :SHIFT] = False
     outside[inside(-5)] = False
     assert (np.abs(result.disparity - SHIFT) < 0.5)[outside].mean() > 0.95
     assert not np.isfinite(result.disparity[low]).any()

@@ -138,7 +138,7 @@ def graph_cut(
     usable, shown = status == 0, eyes[0].as_bytes()
     moved = None if before is None else moved_planes(before, shown, start, usable)
     state = _planes(*eyes, start, usable, blank, moved, limits, schedule, seed, threads)
-    disparity = disparity_of(state.planes)
+    disparity = np.clip(disparity_of(state.planes), *limits)
     share(lambda b: contest(disparity, state.costs, *b, status), bands(status.shape[0], threads), threads)
     _leave_out(blank, status)
     drop_islands(disparity, status)
