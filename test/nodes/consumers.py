@@ -60,14 +60,13 @@ class Costmap:
     obstacle_max_range: float = 2.5
     resolution: float = 0.1
 
-    def marked(self, cloud: PointCloud2, frames: Frames) -> set[tuple[int, int, int]]:
-        """Voxels marked as obstacles."""
+    def obstacles(self, cloud: PointCloud2, frames: Frames) -> Floats:
+        """Points in the world that count, (N, 3); each marks its voxel."""
         world = to_world(xyz(cloud), cloud.header.frame_id, frames)
         origin = frames[cloud.header.frame_id][1]
         with np.errstate(invalid="ignore"):
             kept = world[(world[:, 2] <= self.max_obstacle_height) & (world[:, 2] >= self.min_obstacle_height)]
-        near = kept[((kept - origin) ** 2).sum(axis=1) < self.obstacle_max_range**2]
-        return set(map(tuple, np.floor(near / self.resolution).astype(int).tolist()))
+        return kept[((kept - origin) ** 2).sum(axis=1) < self.obstacle_max_range**2]
 
 
 @dataclass(frozen=True)
@@ -86,15 +85,14 @@ class OctomapServer:
         assert not cloud.is_dense or np.isfinite(points).all()
         return points, colors
 
-    def occupied(self, cloud: PointCloud2, frames: Frames) -> dict[tuple[int, int, int], NDArray[np.uint8]]:
-        """Occupied cells, each with the colour of a point in it."""
+    def ends(self, cloud: PointCloud2, frames: Frames) -> tuple[Floats, NDArray[np.uint8]]:
+        """Ends of rays in the world, (N, 3), each of which occupies its cell, and their colours."""
         points, colors = self.from_ros_msg(cloud)
         finite = np.isfinite(points).all(axis=1)  # PassThrough
         world = to_world(points[finite], cloud.header.frame_id, frames)
         distance = np.linalg.norm(world - frames[cloud.header.frame_id][1], axis=1)
         ends = (self.max_range < 0) | (distance <= self.max_range)
-        keys = np.floor(world[ends] / self.resolution).astype(int).tolist()
-        return dict(zip(map(tuple, keys), colors[finite][ends], strict=True))
+        return world[ends], colors[finite][ends]
 
 
 def depth_pixels(image: Image) -> NDArray[np.float32]:
