@@ -8,14 +8,6 @@ from pathlib import Path
 import pytest
 from graph_bench import Bench, Graph
 
-from uw_recon_ros.warm import warm_up
-
-
-@pytest.fixture(scope="session", autouse=True)
-def compiled() -> None:
-    """All kernels, so that no test waits for the compiler where it waits for messages."""
-    warm_up()
-
 
 @pytest.fixture(scope="session", autouse=True)
 def warm(kernels_compiled: None) -> None:

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from uw_recon_ros.match.graph_cut import graph_cut
-from uw_recon_ros.match.slanted.certainty import MOST, sigma_of
-from uw_recon_ros.match.slanted.gray import gray_pair
+from uw_recon_ros.match.slanted.certainty import MOST, plain_gray, sigma_of
 
 H, W = 120, 200
 RANGE = 5, 25
@@ -33,7 +32,7 @@ def views(noise: float, contrast: float = 30.0, seed: int = 0) -> tuple[np.ndarr
 def sigma_at(
     left: np.ndarray, right: np.ndarray, disparity: np.ndarray | float, effort: str = "balanced"
 ) -> np.ndarray:
-    grays = gray_pair(left[..., None], right[..., None])[:2]
+    grays = plain_gray(left[..., None], 0.0), plain_gray(right[..., None], 0.0)
     disparity = np.broadcast_to(np.float32(disparity), left.shape).astype(np.float32)
     return sigma_of(*grays, disparity, np.zeros(left.shape, np.uint8), effort)
 
@@ -86,7 +85,7 @@ def test_tiny_images(shape: tuple[int, int]) -> None:
 
 def test_the_number_of_threads_changes_no_bit() -> None:
     left, right = views(3.0)
-    grays = gray_pair(left[..., None], right[..., None])[:2]
+    grays = plain_gray(left[..., None], 0.0), plain_gray(right[..., None], 0.0)
     disparity = TRUTH.copy()
     status = (np.random.default_rng(0).random((H, W)) < 0.3).astype(np.uint8)
     disparity[status > 0] = np.nan

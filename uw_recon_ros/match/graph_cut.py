@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.match.methods import EFFORTS
 from uw_recon_ros.match.slanted.census import CLOSE, WIDE
-from uw_recon_ros.match.slanted.certainty import sigma_of
+from uw_recon_ros.match.slanted.certainty import plain_gray, sigma_of
 from uw_recon_ros.match.slanted.gray import MOST, Gray, gray_pair
 from uw_recon_ros.match.slanted.motion import FrameBefore, moved_planes
 from uw_recon_ros.match.slanted.moves import Labelling, energy
@@ -294,5 +294,6 @@ def _result(
 ) -> GraphCutResult:
     valid = status == 0
     nan = np.float32(np.nan)
-    sigma = sigma_of(eyes[0].gray, eyes[1].gray, disparity, status, effort, threads)
+    left, right = (plain_gray(eye.pixels, eye.noise) for eye in eyes)
+    sigma = sigma_of(left, right, disparity, status, effort, threads)
     return GraphCutResult(np.where(valid, disparity, nan), np.where(valid, sigma, nan), status, value)

@@ -20,12 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros.jit import kernel
-from uw_recon_ros.match.slanted.gray import LEVELS, Gray
+from uw_recon_ros.match.slanted.gray import SMOOTHING, Gray, mixed
 from uw_recon_ros.match.slanted.workers import bands, share
 from uw_recon_ros.types import ByteImage, FloatImage
 
 WINDOW = 9  #: side of the window, px
 _PARTS = 5
+_STEPS = 16  # a gray level
 
 
 class Trust(NamedTuple):
@@ -56,6 +57,17 @@ TRUST = {
 MOST = 4.0  #: no sigma is greater, px
 
 
+def plain_gray(image: ByteImage, noise: float) -> Gray:
+    """Gray of an (H, W, C) image, 1/16 gray level, smoothed as `gray.gray_pair` does for a `noise` of 0 to 1.
+
+    Not made alike to the other eye's contrast: what such a gain is off by would look like noise.
+    """
+    gray = mixed(image, noise)
+    if noise * SMOOTHING > 0.1:
+        gray = np.asarray(cv2.GaussianBlur(gray, (0, 0), noise * SMOOTHING), np.float32)
+    return np.asarray(np.round(gray * _STEPS), np.int16)
+
+
 def sigma_of(
     left: Gray, right: Gray, disparity: FloatImage, status: ByteImage, effort: str, threads: int = 1
 ) -> FloatImage:
@@ -64,7 +76,7 @@ def sigma_of(
     Parameters
     ----------
     left, right : (H, W) int16
-        Of `gray.gray_pair`.
+        Of `plain_gray`.
     disparity : (H, W) float32
         Left view, px.
     status : (H, W) uint8
@@ -125,7 +137,7 @@ def _combine(
     mean: NDArray[np.float32], factor: float, coarse: float, least: float, first: int, last: int, sigma: FloatImage
 ) -> None:
     """Turn the window's means into sigma, rows `first` to `last`."""
-    smallest = np.float32(1e-3 * LEVELS * LEVELS)
+    smallest = np.float32(1e-3 * _STEPS * _STEPS)
     for v in range(first, last):
         for u in range(sigma.shape[1]):
             share_valid = max(mean[v, u, 0], np.float32(1e-6))
