@@ -8,6 +8,7 @@ from rig_scenes import calibration_of, enhanced, make_rig, render
 
 from uw_recon_ros.errors import CalibrationError, EstimationError, ImageError
 from uw_recon_ros.rectify import RectifyParams, RigTracker
+from uw_recon_ros.rectify.tie_points import find_tie_points
 from uw_recon_ros.types import StereoCalibration
 
 SMALL = {"width": 320, "height": 240, "focal": 310.0}
@@ -153,6 +154,34 @@ def test_calibrated_exchanged_eyes_raise_every_time(frames):
     for _ in range(3):
         with pytest.raises(EstimationError, match="exchanged eyes"):
             tracker.update(swapped)
+
+
+@pytest.mark.parametrize("calibrated", [True, False])
+@pytest.mark.parametrize("deferred", [True, False])
+def test_eyes_exchanged_midway_are_refused_until_they_are_right_again(frames, calibrated, deferred):
+    """Once watching has noticed, no frame passes unseen: neither while they are exchanged nor when they are not."""
+    tracker = RigTracker(PARAMS)
+
+    def see(frame):
+        frame = with_calibration(frame, calibration_of(RIG)) if calibrated else frame
+        found = tracker.update(frame, watch=not deferred)
+        tracker.watch(frame)
+        return found
+
+    for frame in frames:
+        see(frame)
+    refused = []
+    for frame in frames * 3:
+        try:
+            see(enhanced(frame.right, frame.left))
+            refused.append(False)
+        except EstimationError as error:
+            refused.append("exchanged eyes" in str(error))
+    noticed = refused.index(True)
+    assert noticed <= PARAMS.watch_interval + PARAMS.drift_patience
+    assert all(refused[noticed:])
+    again = see(frames[0])
+    assert np.median(again.parallax(find_tie_points(frames[0], PARAMS))) > 0
 
 
 def test_calibration_ignored_or_required(frames):

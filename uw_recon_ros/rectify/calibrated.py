@@ -9,7 +9,7 @@ import numpy as np
 
 from uw_recon_ros.errors import CalibrationError, EstimationError
 from uw_recon_ros.rectify.params import RectifyParams
-from uw_recon_ros.rectify.rectification import Rectification, row_statistics
+from uw_recon_ros.rectify.rectification import Rectification, behind, exchanged, row_statistics
 from uw_recon_ros.rectify.stereo_info import stereo_axis
 from uw_recon_ros.rectify.tie_points import TiePoints
 from uw_recon_ros.rectify.views import View
@@ -17,14 +17,11 @@ from uw_recon_ros.rectify.warp import inner_windows, make_canvas
 from uw_recon_ros.rectify.water import port_index
 from uw_recon_ros.types import (
     Axis,
-    Matrix,
     RectificationQuality,
     StereoCalibration,
     StereoGeometry,
     Window,
 )
-
-_NEARLY_ALL = 0.95
 
 
 def _geometry(left: View, right: View, axis: Axis, baseline_m: float) -> StereoGeometry:
@@ -68,16 +65,17 @@ def _warped(
     )  # fmt: skip
 
 
-def _check_sides(parallax: Matrix, axis: Axis) -> None:
+def _check_sides(rectification: Rectification, tie_points: TiePoints) -> None:
     """Refuse images whose matches contradict the calibration: exchanged eyes."""
-    parallax = parallax[np.isfinite(parallax)]
-    behind = float((parallax < 0).mean()) if len(parallax) else 0.0
-    if behind >= _NEARLY_ALL:
-        second = "right camera on the left" if axis == "horizontal" else "second camera on the other side"
+    if exchanged(rectification, tie_points):
+        found = behind(rectification, tie_points)
+        parallax = np.nanmedian(rectification.parallax(tie_points)) * rectification.geometry.baseline_sign
+        horizontal = rectification.geometry.axis == "horizontal"
+        shown = "right camera on the left" if horizontal else "second camera on the other side"
         raise EstimationError(
-            f"exchanged eyes: expected disparities of the calibration's sign, got {behind:.0%} of {len(parallax)} tie "
-            f"points behind the rig (median {np.median(parallax):.1f} px): the images show the {second}; exchange the "
-            "images, or the calibrations"
+            f"exchanged eyes: expected disparities of the calibration's sign, got {found.mean():.0%} of {len(found)} "
+            f"tie points behind the rig (median {parallax:.1f} px): the images show the {shown}; exchange the images, "
+            "or the calibrations"
         )
 
 
@@ -97,9 +95,7 @@ def judged(rectification: Rectification, tie_points: TiePoints, params: RectifyP
     EstimationError
         The eyes are exchanged.
     """
-    axis = rectification.geometry.axis
-    sign = np.sign(rectification.geometry.focal_times_baseline)
-    _check_sides(sign * rectification.parallax(tie_points), axis)
+    _check_sides(rectification, tie_points)
     median, p95 = row_statistics(rectification.row_errors(tie_points))
     return rectification.with_quality(
         replace(

@@ -8,7 +8,9 @@ import numpy as np
 
 from uw_recon_ros.rectify.tie_points import TiePoints
 from uw_recon_ros.rectify.views import View
-from uw_recon_ros.types import FloatImage, Matrix, RectificationQuality, StereoGeometry, Window
+from uw_recon_ros.types import FloatImage, Mask, Matrix, RectificationQuality, StereoGeometry, Window
+
+_NEARLY_ALL = 0.95
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +77,19 @@ class Rectification:
     def with_quality(self, quality: RectificationQuality) -> Rectification:
         """The same rectification, judged anew."""
         return replace(self, quality=quality)
+
+
+def behind(rectification: Rectification, tie_points: TiePoints) -> Mask:
+    """Which tie points lie behind the rig, (N,) bool; those that left the view are left out."""
+    parallax = rectification.parallax(tie_points) * rectification.geometry.baseline_sign
+    found: Mask = parallax[np.isfinite(parallax)] < 0
+    return found
+
+
+def exchanged(rectification: Rectification, tie_points: TiePoints) -> bool:
+    """Whether nearly all that both eyes see lies behind the rig: then they are exchanged."""
+    found = behind(rectification, tie_points)
+    return len(found) > 0 and bool(found.mean() >= _NEARLY_ALL)
 
 
 def row_statistics(errors: Matrix) -> tuple[float, float]:

@@ -9,7 +9,7 @@ from typing import Protocol
 from uw_recon_ros.errors import CalibrationError, EstimationError, ImageError
 from uw_recon_ros.rectify.calibrated import judged, rectification_from_calibration
 from uw_recon_ros.rectify.params import RectifyParams
-from uw_recon_ros.rectify.rectification import Rectification, row_statistics
+from uw_recon_ros.rectify.rectification import Rectification, exchanged, row_statistics
 from uw_recon_ros.rectify.stereo_info import has_baseline
 from uw_recon_ros.rectify.tie_points import TiePoints, find_tie_points, gathered
 from uw_recon_ros.rectify.uncalibrated import estimate_rectification
@@ -56,7 +56,11 @@ class _CalibratedRig:
         except EstimationError:  # nothing to measure on: the calibration holds all the same
             self._until_watch = self._params.watch_interval
             return
-        judged(self._rectification, found, self._params)  # raises for exchanged eyes, before these are remembered
+        try:
+            judged(self._rectification, found, self._params)
+        except EstimationError:  # exchanged eyes: until they are seen to be right again, every frame is looked at first
+            self._frames.clear()
+            raise
         self._frames.append(found)
         self._rectification = judged(self._rectification, gathered(self._frames), self._params)
         self._until_watch = self._params.watch_interval
@@ -126,7 +130,8 @@ class _UncalibratedRig:
         median, p95 = row_statistics(kept.row_errors(found))
         quality = replace(kept.quality, row_error_median_px=median, row_error_p95_px=p95, inliers=len(found))
         self._rectification = kept.with_quality(quality)
-        self._strays = self._strays + 1 if median > self._params.drift_limit_px else 0
+        moved = median > self._params.drift_limit_px or exchanged(kept, found)
+        self._strays = self._strays + 1 if moved else 0
         if self._strays >= self._params.drift_patience:
             self._forget()
             return self._gather(pair)
