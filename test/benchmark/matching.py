@@ -4,8 +4,9 @@
 
 Each matcher runs in a process of its own for every water and number of threads, compiled code warm, three times a pair
 (slow ones once); the least times count. Errors are in percent of the non-occluded pixels, holes filled, as the
-benchmark counts; the density is that before filling; occlusions found are the pixels without a disparity, against the
-truth's. Prints the tables, leaves ``matching.json``, ``matching.md`` and ``accuracy_over_time.svg``.
+benchmark counts; the density is that before filling; occlusions found are the pixels that the status calls seen by one
+eye alone (for the peers, which do not say why, all without a disparity), against the truth's. Prints the tables, leaves
+``matching.json``, ``matching.md`` and ``accuracy_over_time.svg``.
 """
 
 from __future__ import annotations
@@ -96,7 +97,8 @@ def judged(found: Found, truth: Truth) -> Row:
         cv2.imread(str(STEREO / truth.name / f"mask_{name}.png"), cv2.IMREAD_GRAYSCALE) == 255
         for name in ("nonocc", "all")
     )
-    hidden, empty = counted & ~seen, counted & ~np.isfinite(disparity)
+    occluded = ~np.isfinite(disparity) if found.occluded is None else found.occluded
+    hidden, empty = counted & ~seen, counted & occluded
     hits = float((hidden & empty).sum())
     return {
         **{f"bad_{x}": errors.filled.bad_percent[f"bad-{x}"] for x in ("0.5", "1", "2")},

@@ -16,7 +16,7 @@ from drowned_pairs import Image
 from numpy.typing import NDArray
 
 from uw_recon_ros.match.stage import Match, MatchParams
-from uw_recon_ros.types import RectificationQuality, RectifiedPair, StereoGeometry
+from uw_recon_ros.types import RectificationQuality, RectifiedPair, Status, StereoGeometry
 
 ROOT = Path(__file__).resolve().parents[2]
 GEOMETRY = StereoGeometry(focal_px=500.0, cx_left=0.0, cx_right=0.0, cy=0.0)
@@ -30,7 +30,7 @@ CONTRIB_HINT = (
 
 @dataclass(frozen=True)
 class Found:
-    """Disparity (H, W), px, NaN = none; sigma, px, and energy where the method has them.
+    """Disparity (H, W), px, NaN = none; sigma, px, energy, and what it calls occluded where the method has them.
 
     Whoever works in a process of its own says itself what it spent: wall and CPU seconds, MB.
     """
@@ -38,6 +38,7 @@ class Found:
     disparity: NDArray[np.float32]
     sigma: NDArray[np.float32] | None = None
     energy: float = float("nan")
+    occluded: NDArray[np.bool_] | None = None
     spent: tuple[float, float, float] | None = None
 
 
@@ -51,7 +52,8 @@ def ours(threads: int, **choice: str) -> Matcher:
         pair = RectifiedPair(left, right, left, right, GEOMETRY, RectificationQuality("given"))
         params = MatchParams(min_disparity=0, max_disparity=labels - 1, match_threads=threads, **choice)  # type: ignore[arg-type]
         result = Match(params)(pair)
-        return Found(result.disparity, result.sigma, result.energy)
+        occluded = (result.status & (Status.OCCLUDED | Status.OUTSIDE | Status.INCONSISTENT)) > 0
+        return Found(result.disparity, result.sigma, result.energy, occluded)
 
     return match
 
