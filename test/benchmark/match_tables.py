@@ -42,6 +42,12 @@ def fine(rows: Iterable[Row]) -> float:
     return mean([row for row in rows if row["pair"] != "tsukuba"], "bad_0.5")
 
 
+def occlusions(rows: list[Row]) -> str:
+    """Mean precision and recall; those who give every pixel a disparity have neither."""
+    found = [mean(rows, f"occlusion_{what}") for what in ("precision", "recall")]
+    return " / ".join(f"{share:.2f}" for share in found) if any(found) else "-"
+
+
 def select(rows: Iterable[Row], **keys: object) -> list[Row]:
     """Those with these values."""
     return [row for row in rows if all(row[key] == value for key, value in keys.items())]
@@ -71,7 +77,7 @@ def details(rows: list[Row]) -> str:
     lines = []
     for r in select(rows, water="air"):
         bad = " / ".join(f"{r[f'bad_{x}']:.2f}" for x in ("0.5", "1", "2"))
-        hidden = f"{r['occlusion_precision']:.2f} / {r['occlusion_recall']:.2f}"
+        hidden = occlusions([r])
         energy = "" if r["energy"] is None else f"{r['energy']:.0f}"
         lines.append(
             (r["method"], r["pair"], r["threads"], bad, hidden, energy, f"{r['wall_s']:.3f}", f"{r['cpu_s']:.3f}")
@@ -87,10 +93,9 @@ def in_air(rows: list[Row]) -> str:
     for method in methods(rows):
         of = select(rows, method=method, water="air")
         one, two = select(of, threads=1) or of, select(of, threads=2) or of
-        hidden = f"{mean(two, 'occlusion_precision'):.2f} / {mean(two, 'occlusion_recall'):.2f}"
-        memory = max(row["memory_mb"] for row in two)
-        lines.append((NAMES.get(method, method), f"{fine(two):.1f}", f"{mean(two, 'bad_1'):.1f}", hidden,
-                      f"{mean(two, 'wall_s'):.2g}", f"{mean(one, 'cpu_s'):.2g}", f"{memory:.0f}"))  # fmt: skip
+        memory = f"{max(row['memory_mb'] for row in two):.0f}"
+        lines.append((NAMES.get(method, method), f"{fine(two):.1f}", f"{mean(two, 'bad_1'):.1f}", occlusions(two),
+                      f"{mean(two, 'wall_s'):.2g}", f"{mean(one, 'cpu_s'):.2g}", "-" if memory == "0" else memory))  # fmt: skip
     return markdown(head, lines)
 
 
