@@ -94,8 +94,10 @@ def in_air(rows: list[Row]) -> str:
         of = select(rows, method=method, water="air")
         one, two = select(of, threads=1) or of, select(of, threads=2) or of
         memory = f"{max(row['memory_mb'] for row in two):.0f}"
-        lines.append((NAMES.get(method, method), f"{fine(two):.1f}", f"{mean(two, 'bad_1'):.1f}", occlusions(two),
-                      f"{mean(two, 'wall_s'):.2g}", f"{mean(one, 'cpu_s'):.2g}", "-" if memory == "0" else memory))  # fmt: skip
+        lines.append((
+            NAMES.get(method, method), f"{fine(two):.1f}", f"{mean(two, 'bad_1'):.1f}", occlusions(two),
+            f"{mean(two, 'wall_s'):.2g}", f"{mean(one, 'cpu_s'):.2g}", "-" if memory == "0" else memory,
+        ))  # fmt: skip
     return markdown(head, lines)
 
 
