@@ -7,6 +7,7 @@ import os
 import random
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -102,8 +103,22 @@ class Bench:
             self.executor.spin_once(timeout_sec=0.02)
 
     def connected(self, *publishers: Any) -> None:
-        """Spin until every publisher has a subscriber."""
-        self.spin_until(lambda: all(p.get_subscription_count() for p in publishers), "subscribers")
+        """Spin until every publisher has a subscriber, and all ends in here that belong together know of each other.
+
+        Either end may find the other first; what a writer sends before its reader has found it is lost.
+        """
+        self.spin_until(lambda: all(p.get_subscription_count() for p in publishers) and self._joined(), "subscribers")
+
+    def _joined(self) -> bool:
+        """Whether the outsider and the nodes under test have found each other, both ways."""
+        nodes = (self.outsider, *self._started)
+        published = Counter(p.topic_name for node in nodes for p in node.publishers)
+        return all(
+            s.get_publisher_count() >= published[s.topic_name]
+            for node in nodes
+            for s in node.subscriptions
+            if s.topic_name in published
+        )
 
     def close(self) -> None:
         self.executor.shutdown()
