@@ -99,8 +99,3 @@ def _add_channel(p, p_low, p_high, q, q_low, q_high, costs, first):  # type: ign
         to_left = max(np.int16(p_low[u] - y), np.int16(y - p_high[u]))
         distance = min(max(min(to_left, to_right), np.int16(0)), np.int16(CUT))
         costs[u] = distance * distance if first else costs[u] + distance * distance
-
-
-def columns_matched(width: int, disparity: int) -> tuple[int, int]:
-    """First and one past the last column whose pixel (u, u - disparity) of the other eye exists."""
-    return min(max(0, disparity), width), max(min(width, width + disparity), 0)

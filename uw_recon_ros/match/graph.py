@@ -35,7 +35,6 @@ from uw_recon_ros.match.energy import OCCLUDED
 UNBOUNDED = 1 << 29  #: capacity of a uniqueness arc
 FORBIDDEN = 1 << 28  #: what the deed of a node outside the move costs
 ROUND = 1 << 20  #: tags a round: more than any way is long
-HIGHEST_ROUND = (1 << 11) - 1
 RECORD = 8  #: int32 values a node: excess (a deficit if negative), residual capacity of arcs 0 to 5, end of arc 5
 
 _NO_LABEL = OCCLUDED

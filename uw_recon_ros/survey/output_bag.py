@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from uw_recon_ros.bags import BagWriter, open_bag
@@ -56,9 +56,3 @@ def _copy(part: Path, writer: BagWriter) -> None:
                 writer.raw(message, [LATCHED])
             else:
                 writer.raw(message)
-
-
-def bag_files(store: Store) -> Iterator[Path]:
-    """The bag's files."""
-    folder = store.root / BAG
-    yield from sorted(folder.iterdir()) if folder.is_dir() else ()

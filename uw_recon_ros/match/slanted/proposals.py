@@ -169,12 +169,3 @@ def disparities(planes: FloatImage, first: int, last: int, disparity: FloatImage
     for v in range(first, last):
         for u in range(disparity.shape[1]):
             disparity[v, u] = planes[0, v, u] * np.float32(u) + planes[1, v, u] * np.float32(v) + planes[2, v, u]
-
-
-@kernel
-def fronto_parallel(disparity: FloatImage, usable: Mask, planes: FloatImage) -> None:
-    """Planes of no slope through a map."""
-    for v in range(disparity.shape[0]):
-        for u in range(disparity.shape[1]):
-            planes[0, v, u], planes[1, v, u] = np.float32(0), np.float32(0)
-            planes[2, v, u] = disparity[v, u]

@@ -39,15 +39,6 @@ class Pass(NamedTuple):
     cut: bool
 
 
-class Tile(NamedTuple):
-    """A cell: rows `top` to `bottom`, columns `left` to `right`."""
-
-    top: int
-    bottom: int
-    left: int
-    right: int
-
-
 def tile_groups(height: int, width: int, shift: int) -> list[NDArray[np.int64]]:
     """Cells of a grid shifted by `shift`, (N, 4), in groups: no two of a group are near enough to touch."""
 
