@@ -57,7 +57,7 @@ def _report(result: Result) -> Report:
             "row_error_p95_px": _finite(quality.row_error_p95_px),
             "inliers": quality.inliers,
             "refused": None,
-            "warnings": list(quality.warnings),
+            "warnings": [str(finding) for finding in quality.warnings],
         },
         "matching": {
             "method": disparity.method,

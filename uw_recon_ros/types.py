@@ -18,6 +18,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_recon_ros.findings import Finding
+
 ByteImage = NDArray[np.uint8]
 FloatImage = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -270,7 +272,7 @@ class RectificationQuality:
         NaN where no tie points were available.
     inliers : int
         Tie points that the epipolar geometry explains.
-    warnings : tuple of str
+    warnings : tuple of Finding
         E.g. a flat scene, a rig calibrated in air and used in water.
     """
 
@@ -278,7 +280,7 @@ class RectificationQuality:
     row_error_median_px: float = float("nan")
     row_error_p95_px: float = float("nan")
     inliers: int = 0
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Finding, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

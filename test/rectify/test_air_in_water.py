@@ -36,9 +36,9 @@ def test_it_is_recognised_with_its_numbers(in_water):
     found = rectification_from_calibration(calibration_of(RIG), RectifyParams(), in_water)
     assert found.quality.row_error_median_px > 1.5
     (warning,) = found.quality.warnings
-    assert warning.startswith("calibrated in air, used in water?")
-    assert float(re.search(r"focal length (\d\.\d+) times", warning)[1]) == pytest.approx(WATER, abs=0.02)
-    assert "about 25% short" in warning
+    assert warning.text.startswith("calibrated in air, used in water?")
+    assert float(re.search(r"focal length (\d\.\d+) times", warning.text)[1]) == pytest.approx(WATER, abs=0.02)
+    assert "about 25% short" in warning.text
 
 
 def test_the_same_rig_in_air_is_not():
@@ -51,9 +51,9 @@ def test_a_rig_that_moved_is_not_taken_for_it(angles):
     moved = make_rig(angles_deg=angles, center=(0.15, 0.005, 0.0))
     found = rectification_from_calibration(calibration_of(RIG), RectifyParams(), tie_points(moved, 600))
     assert len(found.quality.warnings) == 1
-    assert "does not fit" in found.quality.warnings[0]
+    assert "does not fit" in found.quality.warnings[0].text
 
 
 def test_few_tie_points_accuse_nobody(in_water):
     found = rectification_from_calibration(calibration_of(RIG), RectifyParams(), in_water.take(np.arange(20)))
-    assert not any("water" in w for w in found.quality.warnings)
+    assert not any("water" in w.text for w in found.quality.warnings)

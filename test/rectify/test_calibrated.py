@@ -147,7 +147,7 @@ def test_a_rig_that_moved_is_warned_of():
     moved = make_rig(angles_deg=(0.6, -2.0, 1.5), d=PLUMB_BOB)
     found = rectification_from_calibration(calibration_of(RIG), PARAMS, tie_points(moved))
     assert found.quality.row_error_median_px > 2
-    assert any("the calibration does not fit: rows disagree by" in w for w in found.quality.warnings)
+    assert any("the calibration does not fit: rows disagree by" in w.text for w in found.quality.warnings)
 
 
 @pytest.mark.parametrize("name", ["plumb_bob", "below", "above"])

@@ -37,8 +37,8 @@ def test_flat_scenes_are_told_from_deep_ones():
     assert homography_share(deep, 2.0) < 0.5
     warning = flatness_warnings(flat, RectifyParams())
     assert len(warning) == 1
-    assert "flat scene" in warning[0]
-    assert f"of {len(flat)} tie points (limit 90%)" in warning[0]
+    assert "flat scene" in warning[0].text
+    assert f"of {len(flat)} tie points (limit 90%)" in warning[0].text
     assert flatness_warnings(deep, RectifyParams()) == ()
 
 

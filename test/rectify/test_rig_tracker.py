@@ -202,7 +202,7 @@ def test_two_single_cameras_are_rectified_from_their_images(frames):
     single = with_calibration(frames[0], StereoCalibration(calibration.left, alone))
     found = RigTracker(PARAMS).update(single)
     assert found.quality.method == "quasi-euclidean"
-    assert "two single cameras" in found.quality.warnings[0]
+    assert "two single cameras" in found.quality.warnings[0].text
     with pytest.raises(CalibrationError, match="two single cameras"):
         RigTracker(replace(PARAMS, calibration_use="require")).update(single)
 

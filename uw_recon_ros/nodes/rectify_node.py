@@ -97,7 +97,7 @@ def report_rectification(diagnostics: Diagnostics, pair: RectifiedPair) -> None:
         scale="metric" if pair.geometry.metric else "unknown",
         rectifying_rotation_deg=f"{frames.rotation_deg(pair.geometry):.3f}",
     )
-    diagnostics.problem("rectification", "; ".join(quality.warnings) or None)
+    diagnostics.problem("rectification", "; ".join(map(str, quality.warnings)) or None)
 
 
 def publish_rectified(outputs: Outputs, pair: RectifiedPair) -> None:

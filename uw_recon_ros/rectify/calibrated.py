@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from uw_recon_ros.errors import CalibrationError, EstimationError
+from uw_recon_ros.findings import Code, Finding
 from uw_recon_ros.rectify.params import RectifyParams
 from uw_recon_ros.rectify.rectification import Rectification, behind, exchanged, row_statistics
 from uw_recon_ros.rectify.stereo_info import stereo_axis
@@ -110,20 +111,22 @@ def judged(rectification: Rectification, tie_points: TiePoints, params: RectifyP
 
 def _warnings(
     rectification: Rectification, tie_points: TiePoints, median: float, params: RectifyParams
-) -> tuple[str, ...]:
+) -> tuple[Finding, ...]:
     if not median > params.drift_limit_px:
         return ()
     found = port_index(tie_points, rectification.left, rectification.right, rectification.geometry.axis)
     if found is not None and found.water:
-        return (
+        text = (
             f"calibrated in air, used in water? rows disagree by {median:.1f} px (median); a focal length "
             f"{found.index:.2f} times as long, as water behind flat ports makes it, leaves "
-            f"{found.row_error_px:.1f} px: depth would be about {1 - 1 / found.index:.0%} short: calibrate in water",
+            f"{found.row_error_px:.1f} px: depth would be about {1 - 1 / found.index:.0%} short"
         )
-    return (
+        return (Finding(Code.RECTIFY_CALIBRATED_IN_AIR, text, advice="calibrate in water"),)
+    text = (
         f"the calibration does not fit: rows disagree by {median:.1f} px (median of {len(tie_points)} tie points, "
-        f"limit {params.drift_limit_px:g} px): the rig has moved, or its images are of another mode",
+        f"limit {params.drift_limit_px:g} px): the rig has moved, or its images are of another mode"
     )
+    return (Finding(Code.RECTIFY_ROWS_DISAGREE, text),)
 
 
 def rectification_from_calibration(

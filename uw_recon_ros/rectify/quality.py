@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from uw_recon_ros.findings import Code, Finding
 from uw_recon_ros.rectify.fundamental import epipole_inside, epipoles, fit_fundamental
 from uw_recon_ros.rectify.params import RectifyParams
 from uw_recon_ros.rectify.sampson import homogeneous
@@ -139,12 +140,15 @@ def refusals(
     return reasons
 
 
-def flatness_warnings(tie_points: TiePoints, params: RectifyParams) -> tuple[str, ...]:
-    """A sentence where one homography explains nearly all tie points; else none."""
+def flatness_warnings(tie_points: TiePoints, params: RectifyParams) -> tuple[Finding, ...]:
+    """A finding where one homography explains nearly all tie points; else none."""
     share = homography_share(tie_points, 2 * params.tie_threshold_px)
     if share <= params.flat_share_limit:
         return ()
     return (
-        f"flat scene: one homography explains {share:.0%} of {len(tie_points)} tie points (limit "
-        f"{params.flat_share_limit:.0%}): rows agree on this surface, elsewhere they need not",
+        Finding(
+            Code.RECTIFY_FLAT_SCENE,
+            f"flat scene: one homography explains {share:.0%} of {len(tie_points)} tie points (limit "
+            f"{params.flat_share_limit:.0%}): rows agree on this surface, elsewhere they need not",
+        ),
     )

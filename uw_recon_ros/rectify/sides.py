@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from uw_recon_ros.errors import EstimationError
+from uw_recon_ros.findings import Code, Finding
 from uw_recon_ros.rectify.candidate import Candidate
 from uw_recon_ros.rectify.infinity import baseline_side, infinity_shift
 from uw_recon_ros.rectify.rectification import Rectification
@@ -33,7 +34,7 @@ def _check_parallax(parallax: Matrix) -> None:
         )
 
 
-def sided(rectification: Rectification, candidate: Candidate) -> tuple[Rectification, tuple[str, ...]]:
+def sided(rectification: Rectification, candidate: Candidate) -> tuple[Rectification, tuple[Finding, ...]]:
     """Settle on which side the second camera stands and where infinity lies; see `infinity`.
 
     Parameters
@@ -47,7 +48,7 @@ def sided(rectification: Rectification, candidate: Candidate) -> tuple[Rectifica
     -------
     Rectification
         With the baseline's sign and, if need be, another offset.
-    tuple of str
+    tuple of Finding
         Warnings.
 
     Raises
@@ -67,4 +68,5 @@ def sided(rectification: Rectification, candidate: Candidate) -> tuple[Rectifica
     moved = f"the plane at infinity was moved by {shift:.1f} px to have all tie points in front of the rig"
     if geometry.metric:
         moved += ": metres are not to be trusted"
-    return replace(rectification, geometry=geometry), (moved,) if shift > 0 else ()
+    warnings = (Finding(Code.RECTIFY_INFINITY_MOVED, moved),) if shift > 0 else ()
+    return replace(rectification, geometry=geometry), warnings

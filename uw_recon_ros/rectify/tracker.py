@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Protocol
 
 from uw_recon_ros.errors import CalibrationError, EstimationError, ImageError
+from uw_recon_ros.findings import Code, Finding
 from uw_recon_ros.rectify.calibrated import judged, rectification_from_calibration
 from uw_recon_ros.rectify.params import RectifyParams
 from uw_recon_ros.rectify.rectification import Rectification, exchanged, row_statistics
@@ -17,7 +18,10 @@ from uw_recon_ros.types import CameraModel, EnhancedPair, StereoCalibration
 
 _WATCHED_FRAMES = 5  # whose tie points together judge a calibrated rig
 _WATCHING = 4  # watching looks at images half as large, and at so many times fewer features, than estimating
-_NO_BASELINE = "CameraInfo describes two single cameras (P[3] = P[7] = 0): rectified without calibration"
+_NO_BASELINE = Finding(
+    Code.RECTIFY_NO_BASELINE,
+    "CameraInfo describes two single cameras (P[3] = P[7] = 0): rectified without calibration",
+)
 
 
 class _Rig(Protocol):
@@ -69,7 +73,7 @@ class _CalibratedRig:
 class _UncalibratedRig:
     """An estimate that improves until it is locked, and starts again when the rig has moved."""
 
-    def __init__(self, params: RectifyParams, warnings: tuple[str, ...]) -> None:
+    def __init__(self, params: RectifyParams, warnings: tuple[Finding, ...]) -> None:
         self._params = params
         self._warnings = warnings
         self._frames: deque[TiePoints] = deque(maxlen=4 * params.lock_frames)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from uw_recon_ros.errors import EstimationError
+from uw_recon_ros.findings import Code, Finding
 from uw_recon_ros.rectify.candidate import Candidate, came_rectified, choose_axis
 from uw_recon_ros.rectify.fundamental import fit_fundamental
 from uw_recon_ros.rectify.params import RectifyParams
@@ -115,13 +116,14 @@ def _warped(candidate: Candidate, views: tuple[View, View], params: RectifyParam
 
 
 def _judged(
-    rectification: Rectification, candidate: Candidate, warnings: tuple[str, ...], params: RectifyParams
+    rectification: Rectification, candidate: Candidate, warnings: tuple[Finding, ...], params: RectifyParams
 ) -> Rectification:
     """Row error on the held-out tie points, and what to beware of."""
     median, p95 = row_statistics(rectification.row_errors(candidate.held_out))
     sigma = rectification.infinity_sigma_px
     if rectification.geometry.metric and sigma > _INFINITY_SIGMA_LIMIT_PX:
-        warnings += (f"metres are vague: points at infinity may have a disparity of +-{sigma:.1f} px",)
+        text = f"metres are vague: points at infinity may have a disparity of +-{sigma:.1f} px"
+        warnings += (Finding(Code.RECTIFY_INFINITY_VAGUE, text),)
     flat = flatness_warnings(candidate.everything, params)
     quality = replace(
         rectification.quality,

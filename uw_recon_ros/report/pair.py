@@ -118,7 +118,7 @@ def _warnings(rectified: RectifiedPair, depth: DepthMap) -> tuple[str, ...]:
         "The scale is not known: without a calibration, or a baseline and an in-water focal length, the shape is shown "
         "in units of the rig's baseline, under an assumed focal length. Nothing on this page is in metres."
     )
-    return tuple(rectified.quality.warnings) + (() if depth.geometry.metric else (unknown,))
+    return tuple(map(str, rectified.quality.warnings)) + (() if depth.geometry.metric else (unknown,))
 
 
 def _enhancement(raw: StereoPair, enhanced: EnhancedPair) -> Section:

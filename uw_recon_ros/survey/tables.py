@@ -121,7 +121,7 @@ def _rig(found: Rectification) -> dict[str, Any]:
         "row_error_median_px": _finite(quality.row_error_median_px),
         "row_error_p95_px": _finite(quality.row_error_p95_px),
         "inliers": quality.inliers,
-        "warnings": list(quality.warnings),
+        "warnings": [str(finding) for finding in quality.warnings],
         "axis": geometry.axis,
         "focal_px": geometry.focal_px,
         "baseline_m": geometry.baseline_m,

@@ -1,0 +1,71 @@
+"""What was found, by a stable code: programs, inside and outside, go by codes; only people read the text."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum, IntEnum
+
+
+class Severity(IntEnum):
+    """How bad a finding is."""
+
+    OK = 0  #: worth a line, nothing is wrong
+    WARN = 1  #: the result stands, and somebody should know
+    UNRELIABLE = 2  #: a check failed: the result is marked, and not to be steered or measured by
+    REFUSED = 3  #: no result
+
+
+class Code(str, Enum):
+    """Stable names of findings and errors, ``room.what``. A text may change, a code may not."""
+
+    # errors that no closer code describes
+    CALIBRATION = "calibration"
+    BAG = "bag"
+    DATA = "data"
+    ESTIMATION = "estimation"
+    IMAGE = "image"
+    MESSAGE = "message"
+    # rectification
+    RECTIFY_CALIBRATED_IN_AIR = "rectify.calibrated_in_air"
+    RECTIFY_FLAT_SCENE = "rectify.flat_scene"
+    RECTIFY_INFINITY_MOVED = "rectify.infinity_moved"
+    RECTIFY_INFINITY_VAGUE = "rectify.infinity_vague"
+    RECTIFY_NO_BASELINE = "rectify.no_baseline"
+    RECTIFY_ROWS_DISAGREE = "rectify.rows_disagree"
+
+    def __str__(self) -> str:
+        """The name as it stands in files and on topics."""
+        return self.value
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing found.
+
+    Parameters
+    ----------
+    code : Code
+    text : str
+        What, got and expected, with the numbers; one line.
+    severity : Severity
+    advice : str
+        What to do; empty where there is nothing to do.
+    """
+
+    code: Code
+    text: str
+    severity: Severity = Severity.WARN
+    advice: str = ""
+
+    def __str__(self) -> str:
+        """What is read: the text, and what to do."""
+        return f"{self.text}: {self.advice}" if self.advice else self.text
+
+    def as_dict(self) -> dict[str, str]:
+        """``code``, ``severity`` and ``text`` (advice included), for JSON."""
+        return {"code": self.code.value, "severity": self.severity.name.lower(), "text": str(self)}
+
+
+def worst(findings: tuple[Finding, ...]) -> Severity:
+    """The severity of the worst of them; OK where there is none."""
+    return max((finding.severity for finding in findings), default=Severity.OK)
