@@ -25,11 +25,11 @@ from peers import METHODS  # noqa: E402
 
 from uw_recon_ros.evaluate import fill_rows  # noqa: E402
 from uw_recon_ros.images import write_image  # noqa: E402
-from uw_recon_ros.match import graph_cut as matcher  # noqa: E402
-from uw_recon_ros.match.slanted.grid_cut import make_grid  # noqa: E402
-from uw_recon_ros.match.slanted.moves import Labelling, energy, expand  # noqa: E402
-from uw_recon_ros.match.slanted.plane_cost import View, make_desk, plane_cost  # noqa: E402
-from uw_recon_ros.match.slanted.refine import CELL, MARGIN, Pass, disparity_of  # noqa: E402
+from uw_recon_ros.match.planes import matcher  # noqa: E402
+from uw_recon_ros.match.planes.data_cost import View, make_desk, plane_cost  # noqa: E402
+from uw_recon_ros.match.planes.expansion import Labelling, energy, expand  # noqa: E402
+from uw_recon_ros.match.planes.min_cut import make_grid  # noqa: E402
+from uw_recon_ros.match.planes.refinement import CELL, MARGIN, Pass, disparity_of  # noqa: E402
 from uw_recon_ros.report.colors import REASONS, ColorBar, colorize  # noqa: E402
 from uw_recon_ros.types import ByteImage, FloatImage, Status  # noqa: E402
 

@@ -23,6 +23,6 @@ def warm_up() -> CacheUse:
 def tell_if_cold(say: Callable[[str], None]) -> None:
     """Say what the first call after an installation waits for."""
     folder = Path(match.__path__[0])
-    if is_cold(folder) or is_cold(folder / "slanted"):
+    if any(is_cold(part) for part in (folder, folder / "kz2", folder / "planes")):
         kept = f"kept in {CACHE_DIRECTORY}" if CACHE_DIRECTORY else "every time: no directory can be written"
         say(f"compiling the kernels: half a minute or more, {'this once, ' if CACHE_DIRECTORY else ''}{kept}")

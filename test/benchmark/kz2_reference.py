@@ -21,8 +21,8 @@ from typing import Any
 
 from uw_recon_ros.evaluate import evaluate, read_disparity
 from uw_recon_ros.images import read_image
-from uw_recon_ros.match.energy import energy
-from uw_recon_ros.match.kz2 import kz2
+from uw_recon_ros.match.kz2.energy import energy
+from uw_recon_ros.match.kz2.matcher import kz2
 
 ROOT = Path(__file__).parents[2]
 

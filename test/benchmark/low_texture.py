@@ -15,8 +15,8 @@ import numpy as np
 from drowned_pairs import WATERS, Truth, drown, pairs
 
 from uw_recon_ros.evaluate import evaluate
-from uw_recon_ros.match import graph_cut as matcher
 from uw_recon_ros.match.methods import EFFORTS
+from uw_recon_ros.match.planes import matcher
 from uw_recon_ros.types import Mask, Status
 
 KEPT = ("air", "hazy", "noisy", "uneven")

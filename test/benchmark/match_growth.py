@@ -25,9 +25,9 @@ from drowned_pairs import STEREO, Image, pairs
 from matching import peak_mb
 from peers import METHODS, ROOT
 
-from uw_recon_ros.match.graph_cut import graph_cut
 from uw_recon_ros.match.methods import EFFORTS
-from uw_recon_ros.match.slanted import refine
+from uw_recon_ros.match.planes import refinement
+from uw_recon_ros.match.planes.matcher import graph_cut
 
 SIZES = ((160, 120), (320, 240), (640, 480), (1280, 960))
 LABELS = (16, 32, 64, 128, 256)
@@ -86,13 +86,13 @@ def hard_inputs() -> Iterator[tuple[str, Image, Image]]:
 def hard(effort: str) -> list[Row]:
     """All hard inputs, in this process: CPU time and how many planes are tried by cuts at most."""
     tried: list[int] = []
-    real = refine.run_tiles
+    real = refinement.run_tiles
 
     def counted(tiles: Any, way: int, planes: int, cut: bool, *others: Any) -> None:
         tried.append(len(tiles) * planes * cut)
         real(tiles, way, planes, cut, *others)
 
-    refine.run_tiles = counted
+    refinement.run_tiles = counted
     small = np.zeros((48, 64, 3), np.uint8)
     rows: list[Row] = []
     for channels in (small, small[..., 0]):
@@ -106,7 +106,7 @@ def hard(effort: str) -> list[Row]:
         over = cpu / (rows[0]["cpu_s"] if rows else cpu)
         rows.append({"effort": effort, "input": name, "cpu_s": cpu, "over_teddy": over, "planes": sum(tried),
                      "density_percent": density})  # fmt: skip
-    refine.run_tiles = real
+    refinement.run_tiles = real
     return rows
 
 

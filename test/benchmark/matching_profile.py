@@ -25,8 +25,7 @@ from drowned_pairs import pairs
 from numpy.typing import NDArray
 from simulated_frames import rectified_frames
 
-from uw_recon_ros.match import graph_cut as matcher
-from uw_recon_ros.match.slanted import certainty, moves, refine, semiglobal
+from uw_recon_ros.match.planes import certainty, expansion, matcher, refinement, semiglobal
 
 ROOT = Path(__file__).parents[2]
 Scene = tuple[NDArray[np.uint8], NDArray[np.uint8], int, int]
@@ -49,12 +48,12 @@ STEPS: tuple[tuple[str, Any, str], ...] = (
     ("sigma", matcher, "sigma_of"),
 )
 INSIDE: tuple[tuple[str, Any, str], ...] = (
-    ("  planes proposed", refine, "propose"),
-    ("  costs of planes", refine, "plane_cost"),
-    ("  cheaper planes taken", refine, "take_cheaper"),
-    ("  gain estimated", refine, "possible_gain"),
-    ("  graphs built", moves, "_build"),
-    ("  minimum cuts", moves, "cut"),
+    ("  planes proposed", refinement, "propose"),
+    ("  costs of planes", refinement, "plane_cost"),
+    ("  cheaper planes taken", refinement, "take_cheaper"),
+    ("  gain estimated", refinement, "possible_gain"),
+    ("  graphs built", expansion, "_build"),
+    ("  minimum cuts", expansion, "cut"),
 )
 
 
@@ -101,14 +100,14 @@ class Clock:
 def expand_from_python(
     a: float, b: float, c: float, top: int, bottom: int, left: int, right: int, cost: Any, state: Any, grid: Any
 ) -> int:
-    """`moves.expand`, its kernels called one by one."""
+    """`expansion.expand`, its kernels called one by one."""
     row = right - left + 2
     nodes = row * (bottom - top + 2)
-    moves.clear(grid, nodes)
-    moves._build(a, b, c, top, bottom, left, right, cost, state, grid, nodes, row)
-    if not moves.cut(grid, nodes, row, moves.MOST_STEPS * nodes):
+    expansion.clear(grid, nodes)
+    expansion._build(a, b, c, top, bottom, left, right, cost, state, grid, nodes, row)
+    if not expansion.cut(grid, nodes, row, expansion.MOST_STEPS * nodes):
         return 0
-    moved = grid.tree[:nodes].reshape(-1, row)[1:-1, 1:-1] == moves.MOVE
+    moved = grid.tree[:nodes].reshape(-1, row)[1:-1, 1:-1] == expansion.MOVE
     for i, x in enumerate((a, b, c)):
         state.planes[i, top:bottom, left:right][moved] = x
     state.costs[top:bottom, left:right][moved] = cost[: bottom - top, : right - left][moved]
@@ -120,15 +119,15 @@ def profile(scene: Scene, effort: str) -> tuple[float, Clock]:
     left, right, low, high = scene
     small = left[:64, :96].copy(), right[:64, :96].copy()
     clock, inside = Clock(), Clock()
-    modules = (matcher, semiglobal, refine, certainty)
+    modules = (matcher, semiglobal, refinement, certainty)
     shared = tuple((SHARED, module, "share") for module in modules)
     matcher.graph_cut(*small, 0, 7, effort=effort)  # compiles
     started = time.process_time()
     with clock.on((*STEPS, *shared)):
         matcher.graph_cut(left, right, low, high, effort=effort)
     total = time.process_time() - started
-    slow: Any = refine.run_tiles
-    tiles = patch.object(refine, "run_tiles", slow.py_func), patch.object(refine, "expand", expand_from_python)
+    slow: Any = refinement.run_tiles
+    tiles = patch.object(refinement, "run_tiles", slow.py_func), patch.object(refinement, "expand", expand_from_python)
     with tiles[0], tiles[1]:
         matcher.graph_cut(*small, 0, 7, effort=effort)
     with inside.on(INSIDE), tiles[0], tiles[1]:

@@ -21,7 +21,7 @@ import numpy as np
 from simulated_frames import Frame, rectified_frames
 
 from uw_recon_ros.evaluate import evaluate
-from uw_recon_ros.match.graph_cut import GraphCutResult, graph_cut
+from uw_recon_ros.match.planes.matcher import GraphCutResult, graph_cut
 
 ROOT = Path(__file__).parents[2]
 LIMITS = 20, 103

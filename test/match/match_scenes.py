@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_recon_ros.match.energy import OCCLUDED
+from uw_recon_ros.match.kz2.energy import OCCLUDED
 
 STEREO = Path(__file__).parents[3] / "shared" / "data" / "stereo"
 

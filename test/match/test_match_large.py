@@ -11,7 +11,7 @@ SCRIPT = """
 import json, resource
 import cv2
 import numpy as np
-from uw_recon_ros.match.graph_cut import graph_cut
+from uw_recon_ros.match.planes.matcher import graph_cut
 
 height, width = 3001, 4003
 left = cv2.resize(np.random.default_rng(3).integers(0, 256, (height // 3, width // 3), np.uint8), (width, height))

@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 from drowned_scenes import middlebury_under_water, reef
 from numpy.typing import NDArray
-from test_graph_cut import pair_of, plane, step_pair
 from test_match_stage import GEOMETRY
+from test_planes_matcher import pair_of, plane, step_pair
 
 from uw_recon_ros.match.disparity_range import find_disparity_range
-from uw_recon_ros.match.graph_cut import graph_cut
 from uw_recon_ros.match.methods import EFFORTS
-from uw_recon_ros.match.slanted import refine
-from uw_recon_ros.match.slanted.moves import Labelling, energy
+from uw_recon_ros.match.planes import refinement
+from uw_recon_ros.match.planes.expansion import Labelling, energy
+from uw_recon_ros.match.planes.matcher import graph_cut
 from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.types import RectificationQuality, RectifiedPair
 
@@ -112,7 +112,7 @@ def test_no_disparity_outside_the_limits(effort: str, limits: tuple[int, int]) -
 
 @pytest.mark.parametrize("effort", CUTTING)
 def test_no_pass_of_cuts_raises_the_energy(effort: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    real, seen = refine.run_tiles, []
+    real, seen = refinement.run_tiles, []
 
     def watched(tiles: NDArray[np.int64], way: int, planes: int, cut: bool, *others: object) -> None:
         state = next(other for other in others if isinstance(other, Labelling))
@@ -121,7 +121,7 @@ def test_no_pass_of_cuts_raises_the_energy(effort: str, monkeypatch: pytest.Monk
         if cut:
             seen.append(sum(energy(state)) - before)
 
-    monkeypatch.setattr(refine, "run_tiles", watched)
+    monkeypatch.setattr(refinement, "run_tiles", watched)
     random = np.random.RandomState(1)
     noisy = (np.clip(eye + random.normal(0, 12, eye.shape), 0, 255).astype(np.uint8) for eye in step_pair()[:2])
     graph_cut(*noisy, 0, 15, effort=effort)

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from uw_recon_ros.match import graph_cut as module
-from uw_recon_ros.match.graph_cut import graph_cut
+from uw_recon_ros.match.planes import matcher as module
+from uw_recon_ros.match.planes.matcher import graph_cut
+from uw_recon_ros.match.planes.motion import FrameBefore, moved_planes
 from uw_recon_ros.match.sequence import MOST_APART_NS, MatchSequence
-from uw_recon_ros.match.slanted.motion import FrameBefore, moved_planes
 from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.types import DisparityMap, RectificationQuality, RectifiedPair, StereoGeometry
 

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from test_kz2 import two_planes
+from test_kz2_matcher import two_planes
 
 from uw_recon_ros.errors import EstimationError
 from uw_recon_ros.match.stage import WHOLE_PIXEL_SIGMA, Match, MatchParams
@@ -112,7 +112,7 @@ def test_parameters_are_checked() -> None:
 
 
 def test_warm_up_leaves_nothing_to_compile() -> None:
-    from uw_recon_ros.match.expansion import _solve
+    from uw_recon_ros.match.kz2.expansion import _solve
 
     match = Match(MatchParams(method="kz2"))
     match.warm_up()

@@ -12,17 +12,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_graph_cut import pair_of, plane
+from test_planes_matcher import pair_of, plane
 
 import uw_recon_ros
-from uw_recon_ros.match.graph_cut import graph_cut
+from uw_recon_ros.match.planes.matcher import graph_cut
 
 RUN = """
 import hashlib, json, sys
 import numpy as np
 from uw_recon_ros import jit
 from uw_recon_ros.match.stage import Match, MatchParams
-from uw_recon_ros.match.graph_cut import graph_cut
+from uw_recon_ros.match.planes.matcher import graph_cut
 effort = sys.argv[1]
 Match(MatchParams(effort=effort)).warm_up()
 after_warm_up = jit.cache_use().compiled

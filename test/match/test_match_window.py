@@ -6,8 +6,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-from test_graph_cut import pair_of
 from test_match_stage import GEOMETRY
+from test_planes_matcher import pair_of
 
 from uw_recon_ros.errors import EstimationError
 from uw_recon_ros.match import stage

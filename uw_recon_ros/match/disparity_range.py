@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros.errors import EstimationError
-from uw_recon_ros.match.coarse import coarse_disparities
+from uw_recon_ros.match.coarse_disparities import coarse_disparities
 from uw_recon_ros.types import ByteImage
 
 _LEAST_MATCHES = 40  # pixels of the small images

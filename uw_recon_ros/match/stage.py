@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros.match.disparity_range import find_disparity_range
-from uw_recon_ros.match.graph_cut import graph_cut
-from uw_recon_ros.match.kz2 import kz2
+from uw_recon_ros.match.kz2.matcher import kz2
 from uw_recon_ros.match.methods import EFFORTS, METHODS
-from uw_recon_ros.match.slanted.motion import FrameBefore
+from uw_recon_ros.match.planes.matcher import graph_cut
+from uw_recon_ros.match.planes.motion import FrameBefore
 from uw_recon_ros.match.status import explain
 from uw_recon_ros.match.window import paste, window_to_match
 from uw_recon_ros.params import Params, param

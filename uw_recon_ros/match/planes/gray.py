@@ -1,0 +1,78 @@
+"""One gray image an eye for the comparisons of the census, finer than a byte, and smoothed where noise asks for it."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_recon_ros.match.planes.threads import share
+from uw_recon_ros.types import ByteImage, FloatImage
+
+CONTRAST = 128  #: units that the median local contrast of either eye is made to be
+LEVELS = 10  #: units that are about a gray level of an image in air
+LUMINANCE = (0.299, 0.587, 0.114)
+CLEAN, NOISY = 0.2, 0.4  #: noise / contrast up to which nothing is smoothed, and from which all channels weigh alike
+SMOOTHING = 0.9  #: standard deviation of the smoothing there, px
+LEAST_CONTRAST = 1.0  #: less is taken for this, gray levels
+MOST = 8000  #: units from the median, at most
+_CONTRAST_WINDOW = 9
+
+Gray = NDArray[np.int16]
+
+
+def gray_pair(left: ByteImage, right: ByteImage, threads: int = 1) -> tuple[Gray, Gray, float]:
+    """Gray images of both eyes, (H, W), of contrast `CONTRAST` each; and how noisy they are, from 0 to 1.
+
+    Where noise is strong against the contrast, the mean of the channels carries less of it than the luminance, and
+    smoothing helps the comparisons; elsewhere both would cost sharpness.
+
+    Parameters
+    ----------
+    left, right : (H, W, C) uint8
+        C = 1 or 3.
+    threads : int
+        The result does not depend on it.
+    """
+    ratio = noise_to_contrast(mixed(left, 0))
+    noise = float(np.clip((ratio - CLEAN) / (NOISY - CLEAN), 0, 1))
+    images, grays = (left, right), [np.empty(0, np.int16)] * 2
+
+    def normalise(eye: int) -> None:
+        grays[eye] = _normalised(images[eye], noise)
+
+    share(normalise, (0, 1), min(threads, 2))
+    return grays[0], grays[1], noise
+
+
+def noise_to_contrast(gray: FloatImage) -> float:
+    """Standard deviation of the noise, from second differences (Immerkaer, 1996), over the median local contrast."""
+    if min(gray.shape) < _CONTRAST_WINDOW:
+        return 0.0
+    kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
+    noise = np.median(np.abs(cv2.filter2D(gray, -1, kernel))) / 0.6745 / 6
+    return float(noise / max(local_contrast(gray), 1e-3))
+
+
+def local_contrast(gray: FloatImage | Gray) -> float:
+    """Median standard deviation within 9x9 pixels, in units of the image."""
+    values = gray.astype(np.float32)
+    window = (_CONTRAST_WINDOW, _CONTRAST_WINDOW)
+    mean = cv2.blur(values, window)
+    return float(np.median(np.sqrt(np.maximum(cv2.blur(values * values, window) - mean * mean, 0))))
+
+
+def mixed(image: ByteImage, evenness: float) -> FloatImage:
+    """One channel: luminance, or with `evenness` 1 the mean of all."""
+    if image.shape[2] == 1:
+        return np.asarray(image[..., 0], np.float32)
+    weights = np.array(LUMINANCE, np.float32) * (1 - evenness) + evenness / 3
+    return np.asarray(cv2.transform(image.astype(np.float32), weights[None].astype(np.float32)), np.float32)
+
+
+def _normalised(image: ByteImage, noise: float) -> Gray:
+    gray = mixed(image, noise)
+    if noise * SMOOTHING > 0.1:
+        gray = np.asarray(cv2.GaussianBlur(gray, (0, 0), noise * SMOOTHING), np.float32)
+    gain = CONTRAST / max(local_contrast(gray), LEAST_CONTRAST)
+    return np.asarray(np.round((gray - np.median(gray)) * gain).clip(-MOST, MOST), np.int16)
