@@ -26,7 +26,7 @@ from peers import METHODS  # noqa: E402
 from uw_recon_ros.evaluate import fill_rows  # noqa: E402
 from uw_recon_ros.images import write_image  # noqa: E402
 from uw_recon_ros.match.planes import matcher  # noqa: E402
-from uw_recon_ros.match.planes.data_cost import View, make_desk, plane_cost  # noqa: E402
+from uw_recon_ros.match.planes.data_cost import CostData, make_workspace, plane_cost  # noqa: E402
 from uw_recon_ros.match.planes.expansion import Labelling, energy, expand  # noqa: E402
 from uw_recon_ros.match.planes.min_cut import make_grid  # noqa: E402
 from uw_recon_ros.match.planes.refinement import CELL, MARGIN, Pass, disparity_of  # noqa: E402
@@ -127,7 +127,7 @@ def steps_of(disparity: FloatImage) -> ByteImage:
     return np.repeat(np.clip(128 + 500 * slope, 0, 255).astype(np.uint8)[..., None], 3, axis=2)
 
 
-def before_the_cuts(truth: Truth) -> tuple[View, Labelling]:
+def before_the_cuts(truth: Truth) -> tuple[CostData, Labelling]:
     """What the first round of cuts begins with: the state after the passes without a cut."""
     kept: list[Any] = []
     real = matcher.refine
@@ -135,7 +135,10 @@ def before_the_cuts(truth: Truth) -> tuple[View, Labelling]:
     def stopped(passes: tuple[Pass, ...], least_gain: float, *others: Any) -> None:
         real([p for p in passes if not p.cut], least_gain, *others)
         kept.extend(
-            (next(o for o in others if isinstance(o, View)), next(o for o in others if isinstance(o, Labelling)))
+            (
+                next(o for o in others if isinstance(o, CostData)),
+                next(o for o in others if isinstance(o, Labelling)),
+            )
         )
 
     matcher.refine = stopped
@@ -149,11 +152,11 @@ def copied(state: Labelling) -> Labelling:
     return state._replace(planes=state.planes.copy(), costs=state.costs.copy())
 
 
-def best_move(view: View, state: Labelling) -> Move:
+def best_move(view: CostData, state: Labelling) -> Move:
     """Of planes seen near cells here and there, the one whose cut lowers the energy most."""
     height, width = state.costs.shape
     side = CELL + 2 * MARGIN
-    desk, grid = make_desk(side), make_grid(side)
+    work, grid = make_workspace(side), make_grid(side)
     best: tuple[int, Move | None] = (0, None)
     start = sum(energy(state))
     for row in range(2 * CELL, height - 2 * CELL, 3 * CELL):
@@ -161,12 +164,12 @@ def best_move(view: View, state: Labelling) -> Move:
             box = row - MARGIN, row + CELL + MARGIN, column - MARGIN, column + CELL + MARGIN
             for v, u in ((row, column), (row + CELL, column), (row, column + CELL), (row + CELL, column + CELL)):
                 plane = state.planes[:, v, u].copy()
-                plane_cost(*plane, *box, view, desk)
+                plane_cost(*plane, *box, view, work)
                 tried = copied(state)
-                expand(*plane, *box, desk.cost, tried, grid)
+                expand(*plane, *box, work.cost, tried, grid)
                 gain = start - sum(energy(tried))
                 if gain > best[0]:
-                    best = gain, Move(box, plane, desk.cost[:side, :side].copy(), state, tried)
+                    best = gain, Move(box, plane, work.cost[:side, :side].copy(), state, tried)
     assert best[1] is not None
     return best[1]
 
@@ -192,7 +195,7 @@ def move(truth: Truth) -> ByteImage:
         (marked(truth.left[around], moved[around]), "the cut takes these"),
         (colorize(maps[1], bar), f"after: energy -{drop:.0f}"),
     ]
-    return sheet([[titled(framed(image), title, width) for image, title in pictures]])
+    return sheet([[titled(extend_borders(image), title, width) for image, title in pictures]])
 
 
 def marked(image: ByteImage, mask: NDArray[np.bool_]) -> ByteImage:
@@ -202,7 +205,7 @@ def marked(image: ByteImage, mask: NDArray[np.bool_]) -> ByteImage:
     return shown
 
 
-def framed(image: ByteImage) -> ByteImage:
+def extend_borders(image: ByteImage) -> ByteImage:
     """The tile's outline, 12 px inside, on four times as many pixels."""
     large = cv2.resize(image, None, fx=4, fy=4, interpolation=cv2.INTER_NEAREST)
     cv2.rectangle(large, (48, 48), (large.shape[1] - 49, large.shape[0] - 49), MARK, 1)

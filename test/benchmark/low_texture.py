@@ -1,4 +1,4 @@
-"""What leaving out untextured pixels does: bad-1 with and without it, holes left and holes filled.
+"""What leaving out untextured_mask pixels does: bad-1 with and without it, holes left and holes filled.
 
     python test/benchmark/low_texture.py [--effort navigation]
 
@@ -23,20 +23,20 @@ KEPT = ("air", "hazy", "noisy", "uneven")
 
 
 def measure(truth: Truth, water: str, effort: str) -> list[float]:
-    """Pixels left out, %, then bad-1 over what is left and with holes filled: all kept, untextured left out."""
+    """Pixels left out, %, then bad-1 over what is left and with holes filled: all kept, untextured_mask left out."""
     left, right = drown(truth, WATERS[water])
-    real, row = matcher.untextured, []
+    real, row = matcher.untextured_mask, []
 
     def nothing(left: np.ndarray, right: np.ndarray) -> Mask:
         return np.zeros(left.shape[:2], np.bool_)
 
     for rule in (nothing, real):
-        matcher.untextured = rule  # type: ignore[assignment]
+        matcher.untextured_mask = rule  # type: ignore[assignment]
         result = matcher.graph_cut(left, right, 0, truth.max_disparity - 1, effort=effort)
         errors = evaluate(result.disparity, truth.disparity, truth.mask)
         row += [errors.unfilled.bad_percent["bad-1"], errors.filled.bad_percent["bad-1"]]
         blank = (result.status == Status.LOW_TEXTURE)[truth.mask].mean()
-    matcher.untextured = real
+    matcher.untextured_mask = real
     return [100 * float(blank), *row]
 
 

@@ -32,19 +32,19 @@ Scene = tuple[NDArray[np.uint8], NDArray[np.uint8], int, int]
 SHARED = "shared by threads"
 #: Steps, by the module that calls them; indented: parts of the one above.
 STEPS: tuple[tuple[str, Any, str], ...] = (
-    ("gray images", matcher._Eye, "pair"),
+    ("gray images", matcher._Image, "pair"),
     ("start", matcher, "_start"),
     ("  census words", semiglobal, "census_words"),
     ("  cost volume", semiglobal, "_volume"),
     ("  aggregation", semiglobal, "aggregate"),
-    ("  winners", semiglobal, "winners"),
+    ("  winner_takes_all", semiglobal, "winner_takes_all"),
     ("  left/right check", matcher, "_compare"),
-    ("blank regions", matcher, "untextured"),
+    ("blank regions", matcher, "untextured_mask"),
     ("view: samples, arms", matcher, "_view"),
     ("edge weights", matcher, "edge_weights"),
     ("moves", matcher, "refine"),
-    ("contest", matcher, "contest"),
-    ("islands", matcher, "drop_islands"),
+    ("enforce_uniqueness", matcher, "enforce_uniqueness"),
+    ("islands", matcher, "remove_small_segments"),
     ("sigma", matcher, "sigma_of"),
 )
 INSIDE: tuple[tuple[str, Any, str], ...] = (

@@ -12,7 +12,7 @@ from match_scenes import STEREO, cost, random_pair
 
 from uw_recon_ros.images import read_image
 from uw_recon_ros.match.kz2.constants import Constants, automatic_occlusion_cost, make_constants
-from uw_recon_ros.match.kz2.data_cost import make_view, row_costs
+from uw_recon_ros.match.kz2.data_cost import make_interval_image, row_costs
 
 #: K, lambda_1, lambda_2 of the reference, exactly.
 TABLE = {
@@ -32,7 +32,7 @@ def test_row_costs_are_symmetric_birchfield_tomasi(
     start, stop = max(0, disparity), min(width, width + disparity)
     for row in range(height):
         costs = np.zeros(max(stop - start, 0), np.int16)
-        row_costs(make_view(left), make_view(right), row, start, disparity, costs)
+        row_costs(make_interval_image(left), make_interval_image(right), row, start, disparity, costs)
         assert costs.tolist() == [cost(left, right, row, u, disparity) for u in range(start, stop)]
 
 
@@ -51,7 +51,7 @@ def test_occlusion_cost_is_the_mean_quartile_of_the_costs(
         for u, labels in enumerate(columns)
         if labels and len(labels) == most
     ]
-    found = automatic_occlusion_cost(make_view(left), make_view(right), low, low + extent)
+    found = automatic_occlusion_cost(make_interval_image(left), make_interval_image(right), low, low + extent)
     assert found == pytest.approx(max(1.0, float(np.mean(smallest)) if smallest else 1.0))
 
 
@@ -75,6 +75,6 @@ def test_reference_constants(name: str) -> None:
     if not STEREO.is_dir():
         pytest.skip(f"{STEREO} is not here")
     labels, expected = TABLE[name]
-    left, right = (make_view(read_image(STEREO / name / f"{eye}.png")) for eye in ("left", "right"))
+    left, right = (make_interval_image(read_image(STEREO / name / f"{eye}.png")) for eye in ("left", "right"))
     occlusion_cost = automatic_occlusion_cost(left, right, 0, labels - 1)
     assert make_constants(occlusion_cost, occlusion_cost / 5) == expected

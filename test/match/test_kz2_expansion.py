@@ -15,7 +15,7 @@ from match_scenes import random_pair
 from numpy.typing import NDArray
 
 from uw_recon_ros.match.kz2.constants import Constants, make_constants
-from uw_recon_ros.match.kz2.data_cost import make_view
+from uw_recon_ros.match.kz2.data_cost import make_interval_image
 from uw_recon_ros.match.kz2.energy import OCCLUDED, check_unique, energy
 from uw_recon_ros.match.kz2.expansion import Expansion
 from uw_recon_ros.match.kz2.matcher import kz2
@@ -56,7 +56,7 @@ def test_each_move_is_the_best_there_is(
     random = np.random.RandomState(seed)
     left, right = random_pair(random, *shape, channels)
     constants = make_constants(occlusion_cost, random.choice([5.0, 30.0]))
-    expansion = Expansion(make_view(left), make_view(right), -1, 2, constants)
+    expansion = Expansion(make_interval_image(left), make_interval_image(right), -1, 2, constants)
     with ThreadPoolExecutor(1) as executor:
         for alpha in random.randint(-1, 3, 4).tolist():
             expected = best(left, right, constants, moves(expansion.labels, alpha, alpha_stays=True))
@@ -120,7 +120,7 @@ def test_resting_tiles_cost_next_to_nothing() -> None:
     order = [random.permutation(10).tolist() for _ in range(4)]
     energies = []
     for always in (False, True):
-        expansion = Expansion(make_view(left), make_view(right), 0, 9, make_constants(60.0, 12.0))
+        expansion = Expansion(make_interval_image(left), make_interval_image(right), 0, 9, make_constants(60.0, 12.0))
         after = []
         with ThreadPoolExecutor(1) as executor:
             for labels in order:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.match.planes import matcher as module
 from uw_recon_ros.match.planes.matcher import graph_cut
-from uw_recon_ros.match.planes.motion import FrameBefore, moved_planes
+from uw_recon_ros.match.planes.motion import FrameBefore, move_planes
 from uw_recon_ros.match.sequence import MOST_APART_NS, MatchSequence
 from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.types import DisparityMap, RectificationQuality, RectifiedPair, StereoGeometry
@@ -66,7 +66,7 @@ def test_planes_move_with_their_surface(motion: tuple[float, float], nearer: flo
     before = FrameBefore(eyes(0, 0)[0], planes_of(truth(0, 0), 0.02, 0.05))
     now = truth(*motion, nearer)
     rough = now + np.random.RandomState(1).normal(0, 0.3, now.shape).astype(np.float32)
-    moved = moved_planes(before, eyes(*motion)[0], rough, np.ones(now.shape, bool))
+    moved = move_planes(before, eyes(*motion)[0], rough, np.ones(now.shape, bool))
     assert moved is not None
     v, u = np.indices(now.shape, np.float32)
     found = moved[0] * u + moved[1] * v + moved[2]
@@ -83,7 +83,7 @@ def test_each_plane_goes_where_its_pixel_goes() -> None:
     marked[:2] = 0.001 * u, 0.002 * v  # slopes that say which pixel they belong to
     marked[2] -= marked[0] * u + marked[1] * v
     now = truth(9, -4)
-    moved = moved_planes(FrameBefore(eyes(0, 0)[0], marked), eyes(9, -4)[0], now, np.ones(now.shape, bool))
+    moved = move_planes(FrameBefore(eyes(0, 0)[0], marked), eyes(9, -4)[0], now, np.ones(now.shape, bool))
     assert moved is not None
     inner = np.s_[20:-20, 20:-20]
     assert np.median(np.abs(moved[0] - 0.001 * (u + 9))[inner]) < 0.001
@@ -92,7 +92,7 @@ def test_each_plane_goes_where_its_pixel_goes() -> None:
 
 def test_nothing_is_taken_from_a_frame_of_something_else() -> None:
     before = FrameBefore(eyes(0, 0, seed=5)[0], planes_of(truth(0, 0)))
-    assert moved_planes(before, np.full((HEIGHT, WIDTH), 80, np.uint8), truth(0, 0), np.ones((96, 140), bool)) is None
+    assert move_planes(before, np.full((HEIGHT, WIDTH), 80, np.uint8), truth(0, 0), np.ones((96, 140), bool)) is None
     left, right = eyes(0, 0)
     flat = FrameBefore(np.full_like(left, 80), planes_of(truth(0, 0)))
     alone, after = (graph_cut(left, right, 0, 24, before=b) for b in (None, flat))
@@ -101,7 +101,7 @@ def test_nothing_is_taken_from_a_frame_of_something_else() -> None:
 
 def test_tiny_frames_have_no_motion() -> None:
     small = np.zeros((20, 30), np.uint8)
-    assert moved_planes(FrameBefore(small, planes_of(small)), small, small, small == 0) is None
+    assert move_planes(FrameBefore(small, planes_of(small)), small, small, small == 0) is None
 
 
 def same(one: NDArray[np.float32], other: NDArray[np.float32]) -> bool:

@@ -18,7 +18,7 @@ from uw_recon_ros.types import ByteImage, RectificationQuality, RectifiedPair, S
 LEFT, RIGHT = Window(24, 10, 110, 60), Window(12, 16, 100, 64)
 
 
-def framed(axis: str, left: Window | None = LEFT, right: Window | None = RIGHT) -> RectifiedPair:
+def extend_borders(axis: str, left: Window | None = LEFT, right: Window | None = RIGHT) -> RectifiedPair:
     """A wall at 5 px, black outside the valid windows."""
     eyes = []
     for image, window in zip(pair_of(np.full((90, 150), 5.0)), (left, right), strict=True):
@@ -42,7 +42,7 @@ def upright(image: np.ndarray, axis: str) -> np.ndarray:
 @pytest.mark.parametrize("axis", ["horizontal", "vertical"])
 @pytest.mark.parametrize("effort", ["navigation", "balanced"])
 def test_result_lies_where_it_belongs(axis: str, effort: str) -> None:
-    result = Match(MatchParams(max_disparity=15, effort=effort))(framed(axis))
+    result = Match(MatchParams(max_disparity=15, effort=effort))(extend_borders(axis))
     status, disparity = upright(result.status, axis), upright(result.disparity, axis)
     unseen = np.ones(status.shape, bool)
     unseen[LEFT.slices] = False
@@ -64,22 +64,22 @@ def test_no_work_outside_the_windows(axis: str, monkeypatch: pytest.MonkeyPatch)
         return real(left, right, *args, **options)  # type: ignore[arg-type]
 
     monkeypatch.setattr(stage, "graph_cut", spied)
-    Match(MatchParams(max_disparity=15, effort="navigation"))(framed(axis))
+    Match(MatchParams(max_disparity=15, effort="navigation"))(extend_borders(axis))
     assert shapes == [(54, 122, 3)] * 2  # common rows 16 to 70, columns 12 to 134 of either
 
 
 def test_whole_images_are_matched_where_no_window_is_given() -> None:
-    assert window_to_match(framed("horizontal", None, None)) == Window(0, 0, 150, 90)
-    assert window_to_match(framed("horizontal", LEFT, None)) == Window(0, 10, 150, 60)
+    assert window_to_match(extend_borders("horizontal", None, None)) == Window(0, 0, 150, 90)
+    assert window_to_match(extend_borders("horizontal", LEFT, None)) == Window(0, 10, 150, 60)
 
 
 def test_black_borders_do_not_widen_the_range_found() -> None:
-    result = Match(MatchParams(effort="navigation"))(framed("horizontal"))
+    result = Match(MatchParams(effort="navigation"))(extend_borders("horizontal"))
     assert -8 <= result.min_disparity <= 5 <= result.max_disparity <= 15
 
 
 def test_views_that_share_no_rows_are_refused() -> None:
     with pytest.raises(EstimationError, match="expected rows in common"):
-        Match(MatchParams(max_disparity=9))(framed("horizontal", Window(0, 0, 150, 30), Window(0, 40, 150, 30)))
+        Match(MatchParams(max_disparity=9))(extend_borders("horizontal", Window(0, 0, 150, 30), Window(0, 40, 150, 30)))
     with pytest.raises(EstimationError, match="expected columns in common"):
-        Match(MatchParams(max_disparity=9))(framed("vertical", Window(0, 0, 150, 30), Window(0, 40, 150, 30)))
+        Match(MatchParams(max_disparity=9))(extend_borders("vertical", Window(0, 0, 150, 30), Window(0, 40, 150, 30)))

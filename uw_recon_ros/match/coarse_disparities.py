@@ -25,7 +25,7 @@ def coarse_disparities(left: ByteImage, right: ByteImage) -> tuple[NDArray[np.in
     """Disparities of what matches beyond doubt at a small scale.
 
     Census windows (which do not mind brightness), summed over blocks, over all disparities up to half the width in
-    either direction. A match counts if it is the best one seen from both eyes, clearly better than any other, and in
+    either direction. A match counts if it is the best one seen from both views, clearly better than any other, and in
     textured surroundings.
 
     Parameters

@@ -1,4 +1,4 @@
-"""The state of the matcher: which assignments are active, and what every deed of the next move would gain alone."""
+"""The state of the matcher: which assignments are active, and what every switch in the next move would gain alone."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.jit import kernel
 from uw_recon_ros.match.kz2.constants import Constants
-from uw_recon_ros.match.kz2.data_cost import SMOOTH_DOWN, SMOOTH_RIGHT, View, row_costs
+from uw_recon_ros.match.kz2.data_cost import SMOOTH_DOWN, SMOOTH_RIGHT, IntervalImage, row_costs
 from uw_recon_ros.match.kz2.energy import OCCLUDED
 from uw_recon_ros.match.kz2.graph import FORBIDDEN, Graph, Part
 
@@ -22,15 +22,15 @@ class Scene(NamedTuple):
 
     Parameters
     ----------
-    left, right : View
+    left, right : IntervalImage
     height, width : int
         px.
     denominator, occlusion_cost : int
         As in `Constants`.
     """
 
-    left: View
-    right: View
+    left: IntervalImage
+    right: IntervalImage
     height: int
     width: int
     denominator: int
@@ -137,7 +137,7 @@ def _keep(p: int, part: Part, graph: Graph) -> None:
 
 
 @kernel
-def act(
+def apply_switches(
     changed: NDArray[np.int32],
     move: int,
     part: Part,
@@ -146,7 +146,7 @@ def act(
     graph: Graph,
     fresh: NDArray[np.int32],
 ) -> None:
-    """Do the deeds of the nodes in `changed`; `fresh` remembers the last move each pixel was brought up to date in."""
+    """Switch the nodes in `changed`; `fresh` remembers the last move each pixel was brought up to date in."""
     pixels = part.pixels
     for v in changed:
         if v >= pixels:

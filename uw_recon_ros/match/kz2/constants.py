@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros.jit import kernel
-from uw_recon_ros.match.kz2.data_cost import CUT, Costs, View, row_costs
+from uw_recon_ros.match.kz2.data_cost import CUT, Costs, IntervalImage, row_costs
 
 LARGEST_DENOMINATOR = 16
 SMALLEST_OCCLUSION_COST = 1.0  #: where nothing differs from anything, a match must still be worth something
@@ -25,7 +25,7 @@ class Constants:
     occlusion_cost : int
         The paper's K.
     smoothness : int
-        Lambda_1: of a disparity step where neither eye shows an edge.
+        Lambda_1: of a disparity step where neither view shows an edge.
     smoothness_at_edge : int
         Lambda_2: of one at an edge.
     """
@@ -57,14 +57,16 @@ def make_constants(occlusion_cost: float, smoothness: float) -> Constants:
     return Constants(best + 1, *(int(value) for value in numerators[best]))
 
 
-def automatic_occlusion_cost(left: View, right: View, min_disparity: int, max_disparity: int) -> float:
+def automatic_occlusion_cost(
+    left: IntervalImage, right: IntervalImage, min_disparity: int, max_disparity: int
+) -> float:
     """K: the mean over the pixels of the k-th smallest cost over the labels, k a quarter of the labels.
 
     Only pixels that have a partner for the most labels count (all labels, unless the range is wider than the image).
 
     Parameters
     ----------
-    left, right : View
+    left, right : IntervalImage
     min_disparity, max_disparity : int
         Inclusive, px.
 
@@ -86,7 +88,12 @@ def automatic_occlusion_cost(left: View, right: View, min_disparity: int, max_di
 
 @kernel
 def _sum_of_kth(
-    left: View, right: View, min_disparity: int, max_disparity: int, k: int, columns: NDArray[np.int64]
+    left: IntervalImage,
+    right: IntervalImage,
+    min_disparity: int,
+    max_disparity: int,
+    k: int,
+    columns: NDArray[np.int64],
 ) -> int:
     """Sum of the k-th smallest costs over the pixels in `columns`."""
     height, width = left.smooth.shape

@@ -12,13 +12,13 @@ from uw_recon_ros.types import ByteImage
 
 CUT = 30  #: each channel's difference is cut here, gray levels
 EDGE = 8  #: from this difference of neighbouring pixels on, gray levels, there is an edge between them
-SMOOTH_RIGHT, SMOOTH_DOWN = 1, 2  #: bits of `View.smooth`
+SMOOTH_RIGHT, SMOOTH_DOWN = 1, 2  #: bits of `IntervalImage.smooth`
 
 Costs = NDArray[np.int16]
 
 
-class View(NamedTuple):
-    """One eye's image, prepared for matching.
+class IntervalImage(NamedTuple):
+    """One view's image, prepared for matching.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class View(NamedTuple):
     smooth: ByteImage
 
 
-def make_view(image: ByteImage) -> View:
+def make_interval_image(image: ByteImage) -> IntervalImage:
     """Prepare an image, (H, W) or (H, W, C) uint8."""
     planes = np.ascontiguousarray(np.moveaxis(np.atleast_3d(image), 2, 0))
     low, high = planes.copy(), planes.copy()
@@ -44,7 +44,7 @@ def make_view(image: ByteImage) -> View:
         _widen(low, high, planes, here, there)
         difference = np.abs(planes[here].astype(np.int16) - planes[there]).max(axis=0)
         smooth[here[1:]] |= np.uint8(bit) * (difference < EDGE)
-    return View(planes, low, high, smooth)
+    return IntervalImage(planes, low, high, smooth)
 
 
 def _neighbours(axis: int) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
@@ -65,7 +65,7 @@ def _widen(
 
 
 @kernel
-def row_costs(left: View, right: View, row: int, start: int, disparity: int, costs: Costs) -> None:
+def row_costs(left: IntervalImage, right: IntervalImage, row: int, start: int, disparity: int, costs: Costs) -> None:
     """Write the cost of the assignments (u, u - disparity) of a row, u = start, start + 1, ... as far as `costs` goes.
 
     The symmetric measure of Birchfield and Tomasi (1998): the distance of either pixel from the other one's interval,

@@ -40,7 +40,7 @@ def energy(left: ByteImage, right: ByteImage, labels: Labels, constants: Constan
     Raises
     ------
     ValueError
-        A pixel of the right eye has two assignments, or lies outside the image.
+        A pixel of the right view has two assignments, or lies outside the image.
     """
     left_planes, right_planes = (np.atleast_3d(image).astype(np.int64) for image in (left, right))
     check_unique(labels)

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros.jit import kernel
-from uw_recon_ros.match.kz2.assignments import Costs, Scene, act, make_graph, prepare
+from uw_recon_ros.match.kz2.assignments import Costs, Scene, apply_switches, make_graph, prepare
 from uw_recon_ros.match.kz2.constants import Constants
-from uw_recon_ros.match.kz2.data_cost import View
+from uw_recon_ros.match.kz2.data_cost import IntervalImage
 from uw_recon_ros.match.kz2.energy import Labels
 from uw_recon_ros.match.kz2.graph import REGION, ROUND, ROUNDS, Flow, Graph, Lists, Part, make_flow, make_lists
 from uw_recon_ros.match.kz2.max_flow import join_band, left_over, push_far
@@ -27,7 +27,7 @@ class Expansion:
 
     Parameters
     ----------
-    left, right : View
+    left, right : IntervalImage
     min_disparity, max_disparity : int
         Inclusive, px.
     constants : Constants
@@ -41,7 +41,13 @@ class Expansion:
     """
 
     def __init__(
-        self, left: View, right: View, min_disparity: int, max_disparity: int, constants: Constants, threads: int = 1
+        self,
+        left: IntervalImage,
+        right: IntervalImage,
+        min_disparity: int,
+        max_disparity: int,
+        constants: Constants,
+        threads: int = 1,
     ) -> None:
         height, width = left.smooth.shape
         self.energy = 0
@@ -119,7 +125,7 @@ class Expansion:
         fall = int(left_over(self._flow, lists))
         region = lists.region[: lists.state[REGION]]
         note_changes(region, whole.alpha, self._move, self._scene.width, self._graph.label, self.tiles)
-        act(region, self._move, whole, self._scene, self._costs, self._graph, self._fresh)
+        apply_switches(region, self._move, whole, self._scene, self._costs, self._graph, self._fresh)
         self.energy -= fall
         return fall
 

@@ -3,13 +3,13 @@
 Nodes
 -----
 With n pixels, node p (0 <= p < n) *switches on* the assignment (p, p - alpha), node n + p *drops* the active assignment
-of p. A node that ends on the source side of the minimum cut does its deed, so the present labelling is the empty set.
-What a deed gains alone is the node's `gain`: capacity from the source if positive, to the sink if negative.
+of p. A node that ends on the source side of the minimum cut is switched, so the present labelling is the empty set.
+What a switch gains alone is the node's `gain`: capacity from the source if positive, to the sink if negative.
 
 Arcs (number k of a node; the same number leads back, but for 0 <-> 1 and 2 <-> 3)
 -----
 ====  =====================================================================================================
-0..3  right, left, lower, upper neighbour of the same kind: V, the cost of just one of them doing its deed.
+0..3  right, left, lower, upper neighbour of the same kind: V, the cost of switching just one of them.
       Two neighbouring assignments of alpha; or two neighbouring active ones of equal disparity.
 4     p -> n + p, unbounded: who switches on at the left pixel drops what is active there (uniqueness) ...
 5     p -> n + p', unbounded: ... and what is active at the right pixel, that of the left pixel p'.
@@ -33,7 +33,7 @@ from uw_recon_ros.jit import kernel
 from uw_recon_ros.match.kz2.energy import OCCLUDED
 
 UNBOUNDED = 1 << 29  #: capacity of a uniqueness arc
-FORBIDDEN = 1 << 28  #: what the deed of a node outside the move costs
+FORBIDDEN = 1 << 28  #: what the switch of a node outside the move costs
 ROUND = 1 << 20  #: tags a round: more than any way is long
 RECORD = 8  #: int32 values a node: excess (a deficit if negative), residual capacity of arcs 0 to 5, end of arc 5
 
@@ -50,7 +50,7 @@ class Graph(NamedTuple):
     partner : (n,) int32
         Left pixel of a right pixel's active assignment, or -1.
     gain : (2 n,) int32
-        Of each deed alone.
+        Of each switch alone.
     links : (2 n,) uint8
         Arcs 0 to 3, two bits each: 0 none, 1 across an edge, 2 smooth.
     opened : (n,) uint8

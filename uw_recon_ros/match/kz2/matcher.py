@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uw_recon_ros.match.kz2.constants import Constants, automatic_occlusion_cost, make_constants
-from uw_recon_ros.match.kz2.data_cost import make_view
+from uw_recon_ros.match.kz2.data_cost import make_interval_image
 from uw_recon_ros.match.kz2.energy import OCCLUDED, Labels
 from uw_recon_ros.match.kz2.expansion import Expansion
 from uw_recon_ros.types import ByteImage, FloatImage, Mask
@@ -113,7 +113,7 @@ def kz2(
     """
     _check_images(left, right)
     _check_numbers(min_disparity, max_disparity, sweeps, occlusion_cost, smoothness, threads)
-    left_view, right_view = make_view(left), make_view(right)
+    left_view, right_view = make_interval_image(left), make_interval_image(right)
     if occlusion_cost == 0:
         occlusion_cost = automatic_occlusion_cost(left_view, right_view, min_disparity, max_disparity)
     constants = make_constants(occlusion_cost, smoothness or SMOOTHNESS_OF_OCCLUSION * occlusion_cost)

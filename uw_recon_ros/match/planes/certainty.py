@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros.jit import kernel
-from uw_recon_ros.match.planes.gray import SMOOTHING, Gray, mixed
-from uw_recon_ros.match.planes.threads import bands, share
+from uw_recon_ros.match.planes.gray import SMOOTHING, Gray, mix
+from uw_recon_ros.match.planes.threads import row_bands, run_parallel
 from uw_recon_ros.types import ByteImage, FloatImage
 
 WINDOW = 9  #: side of the window, px
@@ -60,9 +60,9 @@ MOST = 4.0  #: no sigma is greater, px
 def plain_gray(image: ByteImage, noise: float) -> Gray:
     """Gray of an (H, W, C) image, 1/16 gray level, smoothed as `gray.gray_pair` does for a `noise` of 0 to 1.
 
-    Not made alike to the other eye's contrast: what such a gain is off by would look like noise.
+    Not made alike to the other view's contrast: what such a gain is off by would look like noise.
     """
-    gray = mixed(image, noise)
+    gray = mix(image, noise)
     if noise * SMOOTHING > 0.1:
         gray = np.asarray(cv2.GaussianBlur(gray, (0, 0), noise * SMOOTHING), np.float32)
     return np.asarray(np.round(gray * _STEPS), np.int16)
@@ -93,11 +93,13 @@ def sigma_of(
     """
     height, width = left.shape
     parts = np.empty((height, width, _PARTS), np.float32)
-    share(lambda b: _compare_views(left, right, disparity, status, *b, parts), bands(height, threads), threads)
+    run_parallel(
+        lambda b: _compare_views(left, right, disparity, status, *b, parts), row_bands(height, threads), threads
+    )
     mean = np.asarray(cv2.blur(parts, (WINDOW, WINDOW), borderType=cv2.BORDER_REFLECT), np.float32)
     sigma = np.empty((height, width), np.float32)
     trust = TRUST[effort]
-    share(lambda b: _combine(mean, *trust, b[0], b[1], sigma), bands(height, threads), threads)
+    run_parallel(lambda b: _combine(mean, *trust, b[0], b[1], sigma), row_bands(height, threads), threads)
     return sigma
 
 

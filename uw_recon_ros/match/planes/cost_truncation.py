@@ -19,7 +19,7 @@ LEAST_CUT = 0.25  #: where even chance matches well
 Indices = NDArray[np.intp]
 
 
-class Typical(NamedTuple):
+class TypicalCosts(NamedTuple):
     """Costs of single pixels as parts of the largest possible.
 
     Parameters
@@ -36,7 +36,7 @@ class Typical(NamedTuple):
 
 def typical_costs(
     left: Gray, right: Gray, pattern: Pattern, softness: int, sign: int, disparity: FloatImage, usable: Mask
-) -> Typical:
+) -> TypicalCosts:
     """Compare pixels with where the start puts them, and with where it puts others.
 
     Parameters
@@ -44,7 +44,7 @@ def typical_costs(
     left, right : (H, W) int16
         Of `gray.gray_pair`.
     pattern, softness, sign
-        As in `data_cost.View`.
+        As in `data_cost.CostData`.
     disparity : (H, W) float32
         The start, px; `usable` (H, W) bool says where both views agree.
     """
@@ -58,7 +58,7 @@ def typical_costs(
         other = np.roll(np.arange(len(v)), len(v) // 2)
         chance = _costs(left, right, pattern, softness, sign, (v, u), (v[other], at[other]))
     cut = max((float(np.median(matched)) + float(np.median(chance))) / 2, LEAST_CUT)
-    return Typical(cut, float(np.minimum(matched, cut).mean()))
+    return TypicalCosts(cut, float(np.minimum(matched, cut).mean()))
 
 
 def _costs(

@@ -69,7 +69,7 @@ def edge_weights(image: ByteImage, noise: float) -> FloatImage:
     taken the contrast, it is raised to `LEAST_CONTRAST` first, so that edges remain edges; and with `noise` (of
     `gray.gray_pair`) the image is smoothed, and steps that are usual in it are none.
     """
-    colors = _evened(image, noise)
+    colors = _even_out(image, noise)
     scale = EDGE_SCALE * image.shape[2] / 3
     weights = np.zeros((4, *image.shape[:2]), np.float32)
 
@@ -90,7 +90,7 @@ def edge_weights(image: ByteImage, noise: float) -> FloatImage:
     return weights
 
 
-def _evened(image: ByteImage, noise: float) -> FloatImage:
+def _even_out(image: ByteImage, noise: float) -> FloatImage:
     """The image, smoothed by its noise and of no less than a usual contrast, (H, W, C)."""
     colors = image.astype(np.float32)
     if noise * EDGE_SMOOTHING > 0.1:

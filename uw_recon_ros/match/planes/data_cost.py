@@ -25,7 +25,7 @@ from uw_recon_ros.match.planes.gray import CONTRAST, Gray
 from uw_recon_ros.types import FloatImage
 
 BLOCK = 64  #: pixels compared at once
-QUARTERS = 4  #: samples a pixel in `View.other`
+QUARTERS = 4  #: samples a pixel in `CostData.other`
 SOFTNESS, SOFTNESS_NOISY = 0.4, 1.2  #: part of the contrast at which the difference between differences is cut
 SIGNS, SIGNS_NOISY = 0.5, 0.0  #: weight of the signs
 WORST = 2.0  #: cost of what differs as much as by chance
@@ -33,13 +33,13 @@ OUTSIDE = 1.0  #: least cost of a match outside the other view; no less than a u
 FORBIDDEN = 4.0  #: cost of a disparity outside the limits
 
 
-class View(NamedTuple):
+class CostData(NamedTuple):
     """All that the costs of planes need.
 
     Parameters
     ----------
     gray : (H + 2 `RADIUS`, W + 2 `RADIUS` + `BLOCK`) int16
-        This view, continued beyond its borders; see `framed`.
+        This view, continued beyond its borders; see `extend_borders`.
     softness, sign : int16
         Where the difference between differences is cut, and what another sign costs.
     most : int16
@@ -70,13 +70,13 @@ class View(NamedTuple):
     high: np.float32
 
 
-def framed(gray: Gray) -> Gray:
+def extend_borders(gray: Gray) -> Gray:
     """Continue an image beyond its borders: by the window, and to the right by what rounding up to blocks may read."""
     return np.ascontiguousarray(np.pad(gray, ((RADIUS, RADIUS), (RADIUS, RADIUS + BLOCK)), mode="edge"))
 
 
-def weigh(noise: float) -> tuple[int, int]:
-    """`View.softness` and `View.sign` for images as noisy as `gray.gray_pair` says.
+def cost_weights(noise: float) -> tuple[int, int]:
+    """`CostData.softness` and `CostData.sign` for images as noisy as `gray.gray_pair` says.
 
     The more noise, the less the sign of a difference tells, and the more its size.
     """
@@ -84,7 +84,7 @@ def weigh(noise: float) -> tuple[int, int]:
     return softness, round(softness * 2 * (SIGNS + (SIGNS_NOISY - SIGNS) * noise))
 
 
-class Desk(NamedTuple):
+class Workspace(NamedTuple):
     """Working memory of one thread."""
 
     bent: NDArray[np.int16]
@@ -95,11 +95,11 @@ class Desk(NamedTuple):
     cost: FloatImage
 
 
-def make_desk(side: int) -> Desk:
+def make_workspace(side: int) -> Workspace:
     """Memory for regions of at most `side` x `side` pixels."""
     wide = side + 2 * REACH
     blocks = -(-wide // BLOCK) * BLOCK
-    return Desk(
+    return Workspace(
         np.zeros((wide + 2 * RADIUS, blocks + 2 * RADIUS), np.int16),
         np.zeros((wide + 2 * RADIUS, blocks + 2 * RADIUS), np.int16),
         np.zeros(blocks, np.int16),
@@ -111,27 +111,35 @@ def make_desk(side: int) -> Desk:
 
 @kernel(allocates=False)
 def plane_cost(
-    a: float, b: float, c: float, top: int, bottom: int, left: int, right: int, view: View, desk: Desk
+    a: float,
+    b: float,
+    c: float,
+    top: int,
+    bottom: int,
+    left: int,
+    right: int,
+    view: CostData,
+    work: Workspace,
 ) -> None:
-    """Write the cost of disparity ``a u + b v + c`` for the pixels of a region into ``desk.cost``."""
+    """Write the cost of disparity ``a u + b v + c`` for the pixels of a region into ``work.cost``."""
     height, width = view.inverse_size.shape
     first, last = max(0, top - REACH), min(height, bottom + REACH)
     start, stop = max(0, left - REACH), min(width, right + REACH)
-    _bend(a, b, c, first, last, start, stop, height, width, view.other, desk.bent)
-    _subtract(first, last, start, stop, view.gray, desk.bent, desk.apart)
-    arms, sums = view.arms, desk.sums
+    _bend(a, b, c, first, last, start, stop, height, width, view.other, work.bent)
+    _subtract(first, last, start, stop, view.gray, work.bent, work.apart)
+    arms, sums = view.arms, work.sums
     for v in range(first, last):
-        _compare(v - first, v, start, stop, view, desk)
-        _prefix(a, b * np.float32(v) + c, start, stop, width, view, desk.differing, desk.prefix)
+        _compare(v - first, v, start, stop, view, work)
+        _prefix(a, b * np.float32(v) + c, start, stop, width, view, work.differing, work.prefix)
         behind, ahead = arms[0, v, left:right], arms[1, v, left:right]
         before, here = sums[v - first, : right - left], sums[v - first + 1, : right - left]
         for x in range(right - left):
             j, u = index(x), index(x + left - start)
-            here[j] = before[j] + desk.prefix[u + index(ahead[j]) + index(1)] - desk.prefix[u - index(behind[j])]
+            here[j] = before[j] + work.prefix[u + index(ahead[j]) + index(1)] - work.prefix[u - index(behind[j])]
     scale = np.float32(WORST) / np.float32(view.most)
     for v in range(top, bottom):
         above, below, inverse = arms[2, v, left:right], arms[3, v, left:right], view.inverse_size[v, left:right]
-        cost = desk.cost[v - top, : right - left]
+        cost = work.cost[v - top, : right - left]
         for x in range(right - left):
             j, y = index(x), index(v - first)
             total = sums[y + index(below[j]) + index(1), j] - sums[y - index(above[j]), j]
@@ -187,23 +195,23 @@ def _subtract(first, last, start, stop, gray, bent, apart):  # type: ignore[no-u
 
 
 @kernel(allocates=False)
-def _compare(y, v, start, stop, view, desk):  # type: ignore[no-untyped-def]
+def _compare(y, v, start, stop, view, work):  # type: ignore[no-untyped-def]
     """Sum, for a row, what differs between the views: `sign` for another sign, and the cut difference.
 
     In blocks of a fixed size, which compilers turn into a few wide instructions; what lies beyond `stop` is not used.
     """
     softness, sign = view.softness, view.sign
     for block in range(0, stop - start, BLOCK):
-        total = desk.differing[block : block + BLOCK]
+        total = work.differing[block : block + BLOCK]
         for i in range(BLOCK):
             total[i] = 0
         x, u = block + RADIUS, start + block + RADIUS
-        apart, theirs = desk.apart[y + RADIUS, x : x + BLOCK], desk.bent[y + RADIUS, x : x + BLOCK]
+        apart, theirs = work.apart[y + RADIUS, x : x + BLOCK], work.bent[y + RADIUS, x : x + BLOCK]
         mine = view.gray[v + RADIUS, u : u + BLOCK]
         for n in range(view.pattern.shape[0]):
             dv, du = view.pattern[n, 0], view.pattern[n, 1]
             row, p, q = y + RADIUS + dv, x + du, u + du
-            next_apart, next_theirs = desk.apart[row, p : p + BLOCK], desk.bent[row, p : p + BLOCK]
+            next_apart, next_theirs = work.apart[row, p : p + BLOCK], work.bent[row, p : p + BLOCK]
             next_mine = view.gray[v + RADIUS + dv, q : q + BLOCK]
             if sign == 0:  # in noise; half of the time is theirs
                 for i in range(BLOCK):

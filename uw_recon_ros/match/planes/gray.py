@@ -1,4 +1,4 @@
-"""One gray image an eye for the comparisons of the census, finer than a byte, and smoothed where noise asks for it."""
+"""One gray image a view for the comparisons of the census, finer than a byte, and smoothed where noise asks for it."""
 
 from __future__ import annotations
 
@@ -6,13 +6,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_recon_ros.match.planes.threads import share
+from uw_recon_ros.match.planes.threads import run_parallel
 from uw_recon_ros.types import ByteImage, FloatImage
 
-CONTRAST = 128  #: units that the median local contrast of either eye is made to be
+CONTRAST = 128  #: units that the median local contrast of either view is made to be
 LEVELS = 10  #: units that are about a gray level of an image in air
 LUMINANCE = (0.299, 0.587, 0.114)
-CLEAN, NOISY = 0.2, 0.4  #: noise / contrast up to which nothing is smoothed, and from which all channels weigh alike
+CLEAN, NOISY = (
+    0.2,
+    0.4,
+)  #: noise / contrast up to which nothing is smoothed, and from which all channels weigh alike
 SMOOTHING = 0.9  #: standard deviation of the smoothing there, px
 LEAST_CONTRAST = 1.0  #: less is taken for this, gray levels
 MOST = 8000  #: units from the median, at most
@@ -22,7 +25,7 @@ Gray = NDArray[np.int16]
 
 
 def gray_pair(left: ByteImage, right: ByteImage, threads: int = 1) -> tuple[Gray, Gray, float]:
-    """Gray images of both eyes, (H, W), of contrast `CONTRAST` each; and how noisy they are, from 0 to 1.
+    """Gray images of both views, (H, W), of contrast `CONTRAST` each; and how noisy they are, from 0 to 1.
 
     Where noise is strong against the contrast, the mean of the channels carries less of it than the luminance, and
     smoothing helps the comparisons; elsewhere both would cost sharpness.
@@ -34,14 +37,14 @@ def gray_pair(left: ByteImage, right: ByteImage, threads: int = 1) -> tuple[Gray
     threads : int
         The result does not depend on it.
     """
-    ratio = noise_to_contrast(mixed(left, 0))
+    ratio = noise_to_contrast(mix(left, 0))
     noise = float(np.clip((ratio - CLEAN) / (NOISY - CLEAN), 0, 1))
     images, grays = (left, right), [np.empty(0, np.int16)] * 2
 
-    def normalise(eye: int) -> None:
-        grays[eye] = _normalised(images[eye], noise)
+    def normalise(view: int) -> None:
+        grays[view] = _normalise(images[view], noise)
 
-    share(normalise, (0, 1), min(threads, 2))
+    run_parallel(normalise, (0, 1), min(threads, 2))
     return grays[0], grays[1], noise
 
 
@@ -62,7 +65,7 @@ def local_contrast(gray: FloatImage | Gray) -> float:
     return float(np.median(np.sqrt(np.maximum(cv2.blur(values * values, window) - mean * mean, 0))))
 
 
-def mixed(image: ByteImage, evenness: float) -> FloatImage:
+def mix(image: ByteImage, evenness: float) -> FloatImage:
     """One channel: luminance, or with `evenness` 1 the mean of all."""
     if image.shape[2] == 1:
         return np.asarray(image[..., 0], np.float32)
@@ -70,8 +73,8 @@ def mixed(image: ByteImage, evenness: float) -> FloatImage:
     return np.asarray(cv2.transform(image.astype(np.float32), weights[None].astype(np.float32)), np.float32)
 
 
-def _normalised(image: ByteImage, noise: float) -> Gray:
-    gray = mixed(image, noise)
+def _normalise(image: ByteImage, noise: float) -> Gray:
+    gray = mix(image, noise)
     if noise * SMOOTHING > 0.1:
         gray = np.asarray(cv2.GaussianBlur(gray, (0, 0), noise * SMOOTHING), np.float32)
     gain = CONTRAST / max(local_contrast(gray), LEAST_CONTRAST)

@@ -1,4 +1,4 @@
-"""What both eyes see: left/right check, and why a pixel has no match."""
+"""What both views see: the left/right check, and why a pixel has no match."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ ISLAND = 30  #: fewest pixels that hold a surface, px^2
 
 
 @kernel
-def check(
+def left_right_check(
     disparity: FloatImage, right: FloatImage, low: int, high: int, first: int, last: int, status: ByteImage
 ) -> None:
     """Write `Status` bits of rows `first` to `last`: does the right view, where a pixel is seen, say the same?
@@ -43,7 +43,7 @@ def check(
 
 
 @kernel
-def contest(disparity: FloatImage, costs: FloatImage, first: int, last: int, status: ByteImage) -> None:
+def enforce_uniqueness(disparity: FloatImage, costs: FloatImage, first: int, last: int, status: ByteImage) -> None:
     """Write `Status` bits of rows `first` to `last`: a pixel of the right view belongs to one surface of the left view.
 
     Where pixels of the left view that lie more than a pixel of disparity apart fall onto the same pixel of the right
@@ -70,7 +70,7 @@ def contest(disparity: FloatImage, costs: FloatImage, first: int, last: int, sta
                     status[v, u] = _OCCLUDED
 
 
-def drop_islands(disparity: FloatImage, status: ByteImage) -> None:
+def remove_small_segments(disparity: FloatImage, status: ByteImage) -> None:
     """Mark as inconsistent what is valid in patches of less than `ISLAND` px, a step of 1 px ending a patch."""
     valid = status == 0
     if not valid.any():

@@ -17,16 +17,29 @@ from uw_recon_ros.match.planes.census import CLOSE, WIDE
 from uw_recon_ros.match.planes.certainty import plain_gray, sigma_of
 from uw_recon_ros.match.planes.cost_truncation import typical_costs
 from uw_recon_ros.match.planes.cross_support import edge_weights, inverse_size, measure_arms
-from uw_recon_ros.match.planes.data_cost import FORBIDDEN, OUTSIDE, QUARTERS, WORST, View, framed, weigh
+from uw_recon_ros.match.planes.data_cost import (
+    FORBIDDEN,
+    OUTSIDE,
+    QUARTERS,
+    WORST,
+    CostData,
+    cost_weights,
+    extend_borders,
+)
 from uw_recon_ros.match.planes.expansion import Labelling, energy
 from uw_recon_ros.match.planes.gray import MOST, Gray, gray_pair
-from uw_recon_ros.match.planes.left_right_check import check, contest, drop_islands, fill_background
-from uw_recon_ros.match.planes.motion import FrameBefore, moved_planes
+from uw_recon_ros.match.planes.left_right_check import (
+    enforce_uniqueness,
+    fill_background,
+    left_right_check,
+    remove_small_segments,
+)
+from uw_recon_ros.match.planes.motion import FrameBefore, move_planes
 from uw_recon_ros.match.planes.proposals import BEFORE, FIT, NEAR, OWN, POINTS, SHAKEN, Sources
 from uw_recon_ros.match.planes.refinement import Pass, disparity_of, refine
 from uw_recon_ros.match.planes.semiglobal import semiglobal_start
-from uw_recon_ros.match.planes.texture import untextured
-from uw_recon_ros.match.planes.threads import bands, share
+from uw_recon_ros.match.planes.texture import untextured_mask
+from uw_recon_ros.match.planes.threads import row_bands, run_parallel
 from uw_recon_ros.types import ByteImage, FloatImage, Mask, Status
 
 VOXEL_BYTES, MOST_BYTES = 5, 1.0e9  #: of the start's cost volume, and what it may take before images are made smaller
@@ -127,22 +140,24 @@ def graph_cut(
         Shapes differ, limits are exchanged, or the effort is unknown.
     """
     _require(left, right, min_disparity, max_disparity, effort)
-    eyes = _Eye.pair(left, right, threads)
+    images = _Image.pair(left, right, threads)
     limits = (min_disparity, max_disparity)
-    start, status = _start(eyes, limits, threads)
-    blank = untextured(eyes[0].pixels, eyes[1].pixels)
+    start, status = _start(images, limits, threads)
+    blank = untextured_mask(images[0].pixels, images[1].pixels)
     schedule = SCHEDULES[effort]
     if not schedule.passes:
         _leave_out(blank, status)
-        return _result(start, eyes, status, float("nan"), effort, threads)
-    usable, shown = status == 0, eyes[0].as_bytes()
-    moved = None if before is None else moved_planes(before, shown, start, usable)
-    state = _planes(*eyes, start, usable, blank, moved, limits, schedule, seed, threads)
+        return _result(start, images, status, float("nan"), effort, threads)
+    usable, shown = status == 0, images[0].as_bytes()
+    moved = None if before is None else move_planes(before, shown, start, usable)
+    state = _planes(*images, start, usable, blank, moved, limits, schedule, seed, threads)
     disparity = np.clip(disparity_of(state.planes), *limits)
-    share(lambda b: contest(disparity, state.costs, *b, status), bands(status.shape[0], threads), threads)
+    run_parallel(
+        lambda b: enforce_uniqueness(disparity, state.costs, *b, status), row_bands(status.shape[0], threads), threads
+    )
     _leave_out(blank, status)
-    drop_islands(disparity, status)
-    result = _result(disparity, eyes, status, sum(energy(state)) / schedule.units, effort, threads)
+    remove_small_segments(disparity, status)
+    result = _result(disparity, images, status, sum(energy(state)) / schedule.units, effort, threads)
     return replace(result, frame=FrameBefore(shown, state.planes))
 
 
@@ -156,15 +171,15 @@ def _require(left: ByteImage, right: ByteImage, low: int, high: int, effort: str
         raise ValueError(f"effort: expected one of {', '.join(EFFORTS)}, got {effort!r}")
 
 
-def _start(eyes: tuple[_Eye, _Eye], limits: tuple[int, int], threads: int) -> tuple[FloatImage, ByteImage]:
+def _start(images: tuple[_Image, _Image], limits: tuple[int, int], threads: int) -> tuple[FloatImage, ByteImage]:
     """The semi-global start and its status; of smaller images where the cost volume would not fit."""
-    height, width = eyes[0].gray.shape
+    height, width = images[0].gray.shape
     shrink = 1
     while VOXEL_BYTES * height * width * (limits[1] - limits[0] + 1) / shrink**3 > MOST_BYTES:
         shrink *= 2
-    left, right = eyes
+    left, right = images
     if shrink > 1:
-        left, right = _Eye.pair(_shrunk(left.pixels, shrink), _shrunk(right.pixels, shrink), threads)
+        left, right = _Image.pair(_shrink(left.pixels, shrink), _shrink(right.pixels, shrink), threads)
     scale = width / left.gray.shape[1]
     small = math.floor(limits[0] / scale), math.ceil(limits[1] / scale)
     start = semiglobal_start(left.planes, right.planes, left.gray, right.gray, left.noise, *small, threads)
@@ -172,11 +187,11 @@ def _start(eyes: tuple[_Eye, _Eye], limits: tuple[int, int], threads: int) -> tu
     if shrink == 1:
         return start.disparity, status
     status = np.asarray(cv2.resize(status, (width, height), interpolation=cv2.INTER_NEAREST), np.uint8)
-    disparity = _enlarged(start.disparity, (width, height), scale)
+    disparity = _enlarge(start.disparity, (width, height), scale)
     return np.asarray(disparity.clip(*limits), np.float32), status
 
 
-def _enlarged(disparity: FloatImage, size: tuple[int, int], scale: float) -> FloatImage:
+def _enlarge(disparity: FloatImage, size: tuple[int, int], scale: float) -> FloatImage:
     """A map for images that are `scale` times as large: between its pixels on surfaces, never across their edges."""
     spread = cv2.dilate(disparity, np.ones((3, 3))) - cv2.erode(disparity, np.ones((3, 3)))
     even = cv2.resize((spread < 1).astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) == 1
@@ -184,14 +199,14 @@ def _enlarged(disparity: FloatImage, size: tuple[int, int], scale: float) -> Flo
     return np.asarray(np.where(even, linear, nearest) * np.float32(scale), np.float32)
 
 
-def _shrunk(image: ByteImage, factor: int) -> ByteImage:
+def _shrink(image: ByteImage, factor: int) -> ByteImage:
     """Smaller by a factor, (H, W, C)."""
     size = max(image.shape[1] // factor, 1), max(image.shape[0] // factor, 1)
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8).reshape(size[1], size[0], -1)
 
 
 @dataclass(frozen=True, eq=False)
-class _Eye:
+class _Image:
     """One image in the forms that are needed: (H, W, C), (C, H, W), gray."""
 
     pixels: ByteImage
@@ -200,7 +215,7 @@ class _Eye:
     noise: float
 
     @classmethod
-    def pair(cls, left: ByteImage, right: ByteImage, threads: int) -> tuple[_Eye, _Eye]:
+    def pair(cls, left: ByteImage, right: ByteImage, threads: int) -> tuple[_Image, _Image]:
         """Both, made alike."""
         pixels = [np.ascontiguousarray(np.atleast_3d(image)) for image in (left, right)]
         *grays, noise = gray_pair(pixels[0], pixels[1], threads)
@@ -218,7 +233,11 @@ class _Eye:
 
 def _compare(disparity: FloatImage, right: FloatImage, limits: tuple[int, int], threads: int) -> ByteImage:
     status = np.empty(disparity.shape, np.uint8)
-    share(lambda b: check(disparity, right, *limits, *b, status), bands(disparity.shape[0], threads), threads)
+    run_parallel(
+        lambda b: left_right_check(disparity, right, *limits, *b, status),
+        row_bands(disparity.shape[0], threads),
+        threads,
+    )
     return status
 
 
@@ -228,8 +247,8 @@ def _leave_out(blank: Mask, status: ByteImage) -> None:
 
 
 def _planes(
-    eye: _Eye,
-    other: _Eye,
+    image: _Image,
+    other: _Image,
     seen: FloatImage,
     usable: Mask,
     blank: Mask,
@@ -241,11 +260,11 @@ def _planes(
 ) -> Labelling:
     """Cover a view with planes."""
     first = fill_background(np.where(usable, seen, np.float32(np.nan)))
-    view = _view(eye, other, seen, usable, limits, threads)
+    view = _view(image, other, seen, usable, limits, threads)
     state = Labelling(
         np.stack([np.zeros_like(first), np.zeros_like(first), first]),
         np.full(first.shape, FORBIDDEN, np.float32),
-        edge_weights(eye.pixels, eye.noise),
+        edge_weights(image.pixels, image.noise),
         np.float32(schedule.smoothness),
         np.float32(schedule.bend),
         np.float32(schedule.units),
@@ -256,18 +275,20 @@ def _planes(
     return state
 
 
-def _view(eye: _Eye, other: _Eye, seen: FloatImage, usable: Mask, limits: tuple[int, int], threads: int) -> View:
-    shape = eye.gray.shape
+def _view(
+    image: _Image, other: _Image, seen: FloatImage, usable: Mask, limits: tuple[int, int], threads: int
+) -> CostData:
+    shape = image.gray.shape
     arms, inverse = np.empty((4, *shape), np.uint8), np.empty(shape, np.float32)
-    share(lambda b: measure_arms(eye.pixels, *b, arms), bands(shape[0], threads), threads)
+    run_parallel(lambda b: measure_arms(image.pixels, *b, arms), row_bands(shape[0], threads), threads)
     inverse_size(arms, inverse)
-    softness, sign = weigh(eye.noise)
-    pattern = WIDE if eye.noise > 0.5 else CLOSE
-    usual = typical_costs(eye.gray, other.gray, pattern, softness, sign, seen, usable)
+    softness, sign = cost_weights(image.noise)
+    pattern = WIDE if image.noise > 0.5 else CLOSE
+    usual = typical_costs(image.gray, other.gray, pattern, softness, sign, seen, usable)
     largest = len(pattern) * (softness + sign)
     outside = max(usual.matched, OUTSIDE / WORST * usual.cut)
-    return View(
-        framed(eye.gray), np.int16(softness), np.int16(sign), np.int16(round(usual.cut * largest)),
+    return CostData(
+        extend_borders(image.gray), np.int16(softness), np.int16(sign), np.int16(round(usual.cut * largest)),
         np.int16(round(outside * largest)), pattern, _between_pixels(other.gray, threads), arms, inverse,
         np.float32(limits[0]), np.float32(limits[1]),
     )  # fmt: skip
@@ -285,15 +306,20 @@ def _between_pixels(gray: Gray, threads: int) -> NDArray[np.int16]:
         moved = cv2.warpAffine(source, shift, (width, height), flags=flags, borderMode=cv2.BORDER_REPLICATE)
         samples[..., i] = np.round(moved).clip(-MOST, MOST)
 
-    share(move, range(QUARTERS), threads)
+    run_parallel(move, range(QUARTERS), threads)
     return np.ascontiguousarray(samples.reshape(height, -1)[:, : QUARTERS * (width - 1) + 1])
 
 
 def _result(
-    disparity: FloatImage, eyes: tuple[_Eye, _Eye], status: ByteImage, value: float, effort: str, threads: int
+    disparity: FloatImage,
+    images: tuple[_Image, _Image],
+    status: ByteImage,
+    value: float,
+    effort: str,
+    threads: int,
 ) -> GraphCutResult:
     valid = status == 0
     nan = np.float32(np.nan)
-    left, right = (plain_gray(eye.pixels, eye.noise) for eye in eyes)
+    left, right = (plain_gray(image.pixels, image.noise) for image in images)
     sigma = sigma_of(left, right, disparity, status, effort, threads)
     return GraphCutResult(np.where(valid, disparity, nan), np.where(valid, sigma, nan), status, value)

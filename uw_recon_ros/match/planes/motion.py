@@ -38,7 +38,7 @@ class FrameBefore(NamedTuple):
     planes: FloatImage
 
 
-def moved_planes(before: FrameBefore, gray: ByteImage, disparity: FloatImage, usable: Mask) -> FloatImage | None:
+def move_planes(before: FrameBefore, gray: ByteImage, disparity: FloatImage, usable: Mask) -> FloatImage | None:
     """Planes of the frame before at the places where their surfaces are now.
 
     Parameters
@@ -88,10 +88,10 @@ def _measure_flow(now: ByteImage, before: ByteImage) -> FloatImage | None:
     if found.mean() < _LEAST_FOUND:
         return None
     motion = np.where(found[:, None], (np.asarray(ends) - points).reshape(-1, 2), np.float32(np.nan))
-    return _dense(_smoothed(motion.astype(np.float32).reshape(*u.shape, 2)), size, (height, width), shrink)
+    return _dense(_smooth(motion.astype(np.float32).reshape(*u.shape, 2)), size, (height, width), shrink)
 
 
-def _smoothed(grid: FloatImage) -> FloatImage:
+def _smooth(grid: FloatImage) -> FloatImage:
     """The median of each point and its neighbours; of all, where none of them is known."""
     padded = np.pad(grid, ((1, 1), (1, 1), (0, 0)), constant_values=np.nan)
     rows, columns, _ = grid.shape

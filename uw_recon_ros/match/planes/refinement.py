@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros.jit import kernel
-from uw_recon_ros.match.planes.data_cost import Desk, View, make_desk, plane_cost
+from uw_recon_ros.match.planes.data_cost import CostData, Workspace, make_workspace, plane_cost
 from uw_recon_ros.match.planes.expansion import Labelling, expand, possible_gain, take_cheaper
 from uw_recon_ros.match.planes.min_cut import Grid, make_grid
 from uw_recon_ros.match.planes.proposals import Sources, disparities, propose, seed_random
-from uw_recon_ros.match.planes.threads import share
+from uw_recon_ros.match.planes.threads import run_parallel
 from uw_recon_ros.types import FloatImage, Mask
 
 CELL, MARGIN = 24, 8  #: planes are taken from a cell and expanded over it and a margin, px
@@ -63,9 +63,9 @@ def run_tiles(
     least_gain: float,
     seed: int,
     sources: Sources,
-    view: View,
+    view: CostData,
     state: Labelling,
-    desk: Desk,
+    work: Workspace,
     grid: Grid,
 ) -> None:
     """Try planes in some tiles, one after the other."""
@@ -82,11 +82,11 @@ def run_tiles(
             )
             if not found:
                 continue
-            plane_cost(a, b, c, top, bottom, left, right, view, desk)
+            plane_cost(a, b, c, top, bottom, left, right, view, work)
             if not cut:
-                take_cheaper(a, b, c, top, bottom, left, right, desk.cost, state)
-            elif possible_gain(desk.cost, top, bottom, left, right, state.costs) >= least_gain:
-                expand(a, b, c, top, bottom, left, right, desk.cost, state, grid)
+                take_cheaper(a, b, c, top, bottom, left, right, work.cost, state)
+            elif possible_gain(work.cost, top, bottom, left, right, state.costs) >= least_gain:
+                expand(a, b, c, top, bottom, left, right, work.cost, state, grid)
 
 
 def refine(
@@ -95,7 +95,7 @@ def refine(
     seed: int,
     sources: Sources,
     blank: Mask,
-    view: View,
+    view: CostData,
     state: Labelling,
     threads: int,
 ) -> None:
@@ -110,25 +110,25 @@ def refine(
     sources : Sources
     blank : (H, W) bool
         Nothing is cut in tiles that lie within it altogether: what they show is left out of the result.
-    view : View
+    view : CostData
     state : Labelling
     threads : int
     """
     height, width = blank.shape
     side = CELL + 2 * MARGIN
-    memory = [(make_desk(side), make_grid(side)) for _ in range(threads)]
+    memory = [(make_workspace(side), make_grid(side)) for _ in range(threads)]
     for number, one in enumerate(passes):
         for group in tile_groups(height, width, number * CELL // 2 % CELL):
             if one.cut:
                 group = group[_textured(group, blank)]
 
             def work(worker: int, group: NDArray[np.int64] = group, one: Pass = one, number: int = number) -> None:
-                desk, grid = memory[worker]
+                workspace, grid = memory[worker]
                 mine = np.ascontiguousarray(group[worker::threads])
                 seeds = seed * 1000 + number
-                run_tiles(mine, one.way, one.planes, one.cut, least_gain, seeds, sources, view, state, desk, grid)
+                run_tiles(mine, one.way, one.planes, one.cut, least_gain, seeds, sources, view, state, workspace, grid)
 
-            share(work, range(threads), threads)
+            run_parallel(work, range(threads), threads)
 
 
 def _textured(tiles: NDArray[np.int64], blank: Mask) -> NDArray[np.bool_]:

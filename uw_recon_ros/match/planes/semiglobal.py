@@ -11,7 +11,7 @@ from uw_recon_ros.jit import kernel
 from uw_recon_ros.match.planes.census import Words, census_words
 from uw_recon_ros.match.planes.cost_volume import Volume, fill_costs, smooth_costs
 from uw_recon_ros.match.planes.gray import LEVELS, Gray
-from uw_recon_ros.match.planes.threads import bands, share
+from uw_recon_ros.match.planes.threads import row_bands, run_parallel
 from uw_recon_ros.types import ByteImage, FloatImage
 
 STEP, JUMP = 80, 320  #: penalties of a disparity step of one, and of any larger one
@@ -103,7 +103,7 @@ def _extend(costs: Volume, before: Sums, below: np.int16, jump: np.int16, now: S
 
 
 @kernel
-def winners(
+def winner_takes_all(
     down: Sums,
     up: Sums,
     low: int,
@@ -149,9 +149,9 @@ def _volume(
     height, width = words.shape[1:]
     mirrored, mirrored_color = np.ascontiguousarray(words[1, :, ::-1]), np.ascontiguousarray(right[:, :, ::-1])
     raw = np.empty(height * width * labels, np.uint8)
-    share(lambda b: fill_costs(words[0], mirrored, left, mirrored_color, low, labels, *b, raw), parts, threads)
+    run_parallel(lambda b: fill_costs(words[0], mirrored, left, mirrored_color, low, labels, *b, raw), parts, threads)
     mean = np.empty_like(raw)
-    share(lambda b: smooth_costs(raw, height, width, labels, *b, mean), parts, threads)
+    run_parallel(lambda b: smooth_costs(raw, height, width, labels, *b, mean), parts, threads)
     return mean
 
 
@@ -173,15 +173,15 @@ def semiglobal_start(
         At most two are used for the longest part.
     """
     height, width = gray_left.shape
-    labels, parts = high - low + 1, bands(height, 2 * threads)
+    labels, parts = high - low + 1, row_bands(height, 2 * threads)
     words = np.empty((2, height, width), np.uint64)
     grays = (gray_left, gray_right)
-    jobs = [(eye, band) for band in parts for eye in (0, 1)]
-    share(lambda j: census_words(grays[j[0]], noise, *j[1], words[j[0]]), jobs, threads)
+    jobs = [(view, band) for band in parts for view in (0, 1)]
+    run_parallel(lambda j: census_words(grays[j[0]], noise, *j[1], words[j[0]]), jobs, threads)
     costs = _volume(words, left, right, low, labels, parts, threads)
     penalties = jump_penalties(gray_left)
     sums = np.empty((2, costs.size), np.int16)
-    share(lambda i: aggregate(costs, penalties[i], labels, i == 1, sums[i]), (0, 1), min(threads, 2))
+    run_parallel(lambda i: aggregate(costs, penalties[i], labels, i == 1, sums[i]), (0, 1), min(threads, 2))
     start = Start(*(np.empty((height, width), np.float32) for _ in range(2)))
-    share(lambda b: winners(sums[0], sums[1], low, labels, *b, *start), parts, threads)
+    run_parallel(lambda b: winner_takes_all(sums[0], sums[1], low, labels, *b, *start), parts, threads)
     return start

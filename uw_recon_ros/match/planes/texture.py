@@ -4,7 +4,7 @@ A surface's disparity can be told from the brightness changing along the row. No
 (Gaussian derivative of white noise), so there is texture where the mean square of the smoothed image's derivative over
 a window is more than `RISE` times what the noise alone would give, in a patch that somewhere reaches `SURE` times
 (two thresholds, as for the edges of Canny, 1986: chance alone passes the first in 3 of 100 windows). A pixel is
-`untextured` where neither it nor any other within `CARRY` px has texture: over a shorter gap its surroundings carry the
+untextured where neither it nor any other within `CARRY` px has texture: over a shorter gap its surroundings carry the
 surface.
 
 The numbers were chosen on the Middlebury pairs in air and in two waters: under noise that hides a third of an image's
@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_recon_ros.match.planes.gray import mixed
+from uw_recon_ros.match.planes.gray import mix
 from uw_recon_ros.types import ByteImage, FloatImage, Mask
 
 SMOOTHING = 1.0  #: of the derivative, px
@@ -33,7 +33,7 @@ ROUNDING = 0.29  #: least noise, gray levels: that of whole numbers
 _LAPLACIANS = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
 
 
-def untextured(left: ByteImage, right: ByteImage) -> Mask:
+def untextured_mask(left: ByteImage, right: ByteImage) -> Mask:
     """Pixels of the left view, (H, W) bool, whose disparity nothing in the image tells.
 
     Parameters
@@ -44,8 +44,8 @@ def untextured(left: ByteImage, right: ByteImage) -> Mask:
     """
     if min(left.shape[:2]) < WINDOW:
         return np.zeros(left.shape[:2], np.bool_)
-    gray = mixed(left, 0)
-    variance = max(noise_sigma(gray), noise_sigma(mixed(right, 0))) ** 2
+    gray = mix(left, 0)
+    variance = max(noise_sigma(gray), noise_sigma(mix(right, 0))) ** 2
     rise = row_contrast(gray) / np.float32(variance * _noise_of_derivative())
     _, patches = cv2.connectedComponents((rise > RISE).astype(np.uint8))
     textured = np.isin(patches, np.unique(patches[rise > SURE]))

@@ -20,7 +20,7 @@ def _pool(threads: int) -> ThreadPoolExecutor:
         return _pools[threads]
 
 
-def share(function: Callable[[T], None], jobs: Iterable[T], threads: int) -> None:
+def run_parallel(function: Callable[[T], None], jobs: Iterable[T], threads: int) -> None:
     """Call `function` for every job, in `threads` threads; return when all are done.
 
     The jobs must not depend on each other. One thread works without a pool. May be called from any thread, but not
@@ -34,7 +34,7 @@ def share(function: Callable[[T], None], jobs: Iterable[T], threads: int) -> Non
         pass
 
 
-def bands(rows: int, count: int) -> list[tuple[int, int]]:
-    """Cut `rows` rows into at most `count` bands of nearly equal height: (first, one past the last)."""
+def row_bands(rows: int, count: int) -> list[tuple[int, int]]:
+    """Cut `rows` rows into at most `count` row_bands of nearly equal height: (first, one past the last)."""
     edges = [rows * i // count for i in range(count + 1)]
     return [(a, b) for a, b in pairwise(edges) if b > a]
