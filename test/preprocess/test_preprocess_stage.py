@@ -209,6 +209,8 @@ def test_bad_pairs_are_refused() -> None:
         Preprocess()(StereoPair(np.full((4, 6), np.nan), np.full((4, 6), np.nan)))
     with pytest.raises(ValueError, match="profile: expected one of paper, matching, none, got 'best'"):
         PreprocessParams(profile="best")
+    with pytest.raises(ValueError, match=r"wavelet: expected farras or one of PyWavelets .* got 'mexh'"):
+        PreprocessParams(wavelet="mexh")
     with pytest.raises(ValueError, match=r"diffusion_rate: expected a float in \[0, 0.25\]"):
         PreprocessParams(diffusion_rate=0.3)
 

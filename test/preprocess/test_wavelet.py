@@ -85,3 +85,11 @@ def test_errors_name_what_is_wrong() -> None:
         shrink(decompose(np.zeros((8, 8)), 2), float("nan"))
     with pytest.raises(ValueError, match="window: expected an odd number >= 1, got 4"):
         shrink(decompose(np.zeros((8, 8)), 2), 1.0, window=4)
+
+
+@pytest.mark.parametrize("name", ["sym8", "bior4.4", "rbio2.2"])
+def test_other_wavelets_remove_noise_as_well(name: str) -> None:
+    clean, dirty = noisy(20 / 255)
+    pyramid = decompose(dirty, 5, name)
+    assert noise_sigma([decompose(dirty - clean, 1, name)]) == pytest.approx(20 / 255, rel=0.03)
+    assert psnr(reconstruct(shrink(pyramid, noise_sigma([pyramid]))), clean) > 28.0

@@ -1,8 +1,9 @@
-"""One level of an orthogonal wavelet transform of an image that wraps around, fast enough for live images.
+"""One level of a wavelet transform of an image that wraps around.
 
-Samples of even and odd place go through filters of half the length (polyphase form), which OpenCV vectorises:
-several times faster than ``pywt.dwt2(mode="periodization")``, whose coefficients these are. The filters are the Farras
-ones.
+The Farras wavelet, fast enough for live images, or any orthogonal or biorthogonal one of PyWavelets.
+
+The Farras filters are taken in polyphase form: samples of even and odd place go through filters of half the length,
+which OpenCV vectorises, several times faster than ``pywt.dwt2(mode="periodization")``, whose coefficients these are.
 
 References
 ----------
@@ -10,6 +11,8 @@ References
 """
 
 from __future__ import annotations
+
+from functools import cache
 
 import cv2
 import numpy as np
@@ -20,7 +23,10 @@ from uw_recon_ros.preprocess.arrays import FloatArray
 _A, _B, _C = 0.08838834764832, 0.695879989034, 0.01122679215254
 _LOW = (0.0, 0.0, -_A, _A, _B, _B, _A, -_A, _C, _C)
 _HIGH = (-_C, _C, _A, _A, -_B, _B, -_A, -_A, 0.0, 0.0)
-FARRAS = pywt.Wavelet("farras", filter_bank=(_LOW, _HIGH, _LOW[::-1], _HIGH[::-1]))
+FARRAS = "farras"
+#: Names that a wavelet may have: ours, and the orthogonal and biorthogonal ones of PyWavelets. Not dmey: its filters
+#: are cut short, so that it does not give an image back exactly.
+WAVELETS = (FARRAS, *(name for name in pywt.wavelist(kind="discrete") if name != "dmey"))
 
 _REACH = 2  # samples of one phase on either side: ten taps are five a phase
 _LOW_PHASES = np.array(_LOW[1::2]), np.array(_LOW[0::2])  # what even and odd samples are weighed with
@@ -30,13 +36,63 @@ Phases = tuple[FloatArray, FloatArray]  # samples of even and of odd place
 Bands = tuple[FloatArray, FloatArray, FloatArray]  # detail along v, along u, along both
 
 
-def analyse(image: FloatArray) -> tuple[FloatArray, Bands]:
+@cache
+def named_wavelet(name: str) -> pywt.Wavelet:
+    """The filters of a wavelet, as PyWavelets holds them.
+
+    Raises
+    ------
+    ValueError
+        Nobody knows the name.
+    """
+    if name == FARRAS:
+        return pywt.Wavelet(FARRAS, filter_bank=(_LOW, _HIGH, _LOW[::-1], _HIGH[::-1]))
+    if name not in WAVELETS:
+        raise ValueError(
+            f"wavelet: expected {FARRAS} or one of PyWavelets (db4, sym8, coif2, bior4.4, ...), got {name!r}"
+        )
+    return pywt.Wavelet(name)
+
+
+@cache
+def noise_gains(name: str, levels: int) -> tuple[tuple[float, float, float], ...]:
+    """Standard deviations of the details of white noise of standard deviation 1, finest level first.
+
+    All 1 for an orthogonal wavelet; else the norms of the filters, those of coarser levels run through all finer ones.
+
+    Returns
+    -------
+    tuple of (float, float, float)
+        A level each: detail along v, along u, along both.
+    """
+    wavelet = named_wavelet(name)
+    if name == FARRAS or wavelet.orthogonal:
+        return ((1.0, 1.0, 1.0),) * levels
+    gains, through = [], np.ones(1)
+    for level in range(levels):
+        low, high = (np.convolve(through, _spread(taps, 1 << level)) for taps in (wavelet.dec_lo, wavelet.dec_hi))
+        smooth, detail = float(np.linalg.norm(low)), float(np.linalg.norm(high))
+        gains.append((smooth * detail, smooth * detail, detail * detail))
+        through = low
+    return tuple(gains)
+
+
+def _spread(taps: list[float], step: int) -> FloatArray:
+    """Taps with zeros between them."""
+    spread = np.zeros((len(taps) - 1) * step + 1)
+    spread[::step] = taps
+    return spread
+
+
+def analyse(image: FloatArray, wavelet: str = FARRAS) -> tuple[FloatArray, Bands]:
     """Low-pass image and details, each of half the size.
 
     Parameters
     ----------
     image : (H, W) float32 or float64
         Both sizes even; wraps around.
+    wavelet : str
+        One of `WAVELETS`.
 
     Returns
     -------
@@ -44,14 +100,20 @@ def analyse(image: FloatArray) -> tuple[FloatArray, Bands]:
     bands : three arrays of that shape
         Detail along v, along u, along both: as ``pywt.dwt2``.
     """
+    if wavelet != FARRAS:
+        lowpass, bands = pywt.dwt2(image, named_wavelet(wavelet), mode="periodization")
+        return lowpass, bands
     low, high = _split(image, axis=1)
     low_low, detail_v = _split(low, axis=0)
     detail_u, detail_both = _split(high, axis=0)
     return low_low, (detail_v, detail_u, detail_both)
 
 
-def synthesise(lowpass: FloatArray, bands: Bands) -> FloatArray:
-    """The image again: the inverse of `analyse`, which is its transpose."""
+def synthesise(lowpass: FloatArray, bands: Bands, wavelet: str = FARRAS) -> FloatArray:
+    """The image again: the inverse of `analyse`, for an orthogonal wavelet its transpose."""
+    if wavelet != FARRAS:
+        image: FloatArray = pywt.idwt2((lowpass, bands), named_wavelet(wavelet), mode="periodization")
+        return image
     detail_v, detail_u, detail_both = bands
     return _join(_join(lowpass, detail_v, axis=0), _join(detail_u, detail_both, axis=0), axis=1)
 

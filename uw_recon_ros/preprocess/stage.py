@@ -23,6 +23,7 @@ from uw_recon_ros.preprocess.color import (
 from uw_recon_ros.preprocess.diffusion import diffuse
 from uw_recon_ros.preprocess.extension import crop_extension, extend_symmetric
 from uw_recon_ros.preprocess.eyes import TwoThreads, checked_eyes, full_scale, unit_from_raw
+from uw_recon_ros.preprocess.filterbank import FARRAS, named_wavelet
 from uw_recon_ros.preprocess.homomorphic import homomorphic_filter
 from uw_recon_ros.preprocess.intensity import intensity_bounds, joint_percentiles, stretch
 from uw_recon_ros.preprocess.matching import channel_weights, denoise_evenly, excess_sigma, weighted_gray
@@ -56,6 +57,9 @@ class PreprocessParams(Params):
     homomorphic_low_gain: float = param(0.5, "The paper's r_L: gain of the illumination.", low=0.0, high=1.0)
     homomorphic_high_gain: float = param(2.5, "The paper's r_H: gain of detail.", low=1.0, high=5.0)
     wavelet_denoising: bool = param(True, "Step 5: shrink wavelet coefficients that are noise.")
+    wavelet: str = param(
+        FARRAS, "Wavelet of step 5: farras, or an orthogonal or biorthogonal one of PyWavelets, e.g. bior4.4."
+    )
     wavelet_levels: int = param(4, "Levels of the wavelet pyramid that are shrunk.", low=1, high=8)
     wavelet_strength: float = param(1.0, "Factor on the noise that step 5 estimates.", low=0.0, high=5.0)
     anisotropic_filtering: bool = param(True, "Step 6: smooth areas, keep edges.")
@@ -73,6 +77,10 @@ class PreprocessParams(Params):
     color_equalization: bool = param(True, "Step 9: give red, green and blue one mean.")
     color_gain_limit: float = param(8.0, "Step 9: the most that a channel is brightened.", low=1.0, high=100.0)
     matching_strength: float = param(1.0, "Factor on the noise that the profile 'matching' removes.", low=0.0, high=5.0)
+
+    def check_together(self) -> None:
+        """Refuse a wavelet that nobody knows."""
+        named_wavelet(self.wavelet)
 
 
 @dataclass(frozen=True)
@@ -141,7 +149,7 @@ class Preprocess:
         levels = min(self.params.wavelet_levels + 1, eyes[0].shape[0].bit_length() - 1)
         if not self.params.wavelet_denoising or levels < 2:
             return eyes
-        pyramids = both(partial(wavelet.decompose, levels=levels), eyes)
+        pyramids = both(partial(wavelet.decompose, levels=levels, wavelet=self.params.wavelet), eyes)
         sigma = self.params.wavelet_strength * wavelet.noise_sigma(pyramids)
         return both(wavelet.reconstruct, both(partial(wavelet.shrink, sigma=sigma), pyramids))
 

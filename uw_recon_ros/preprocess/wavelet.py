@@ -1,4 +1,4 @@
-"""Step 5: bivariate shrinkage of wavelet coefficients (eq. 6-8); the wavelet is that of `filterbank`.
+"""Step 5: bivariate shrinkage of wavelet coefficients (eq. 6-8), with any wavelet of `filterbank`.
 
 References
 ----------
@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from uw_recon_ros.preprocess.arrays import FloatArray, checked_float, checked_number
-from uw_recon_ros.preprocess.filterbank import Bands, analyse, synthesise
+from uw_recon_ros.preprocess.filterbank import FARRAS, Bands, analyse, noise_gains, synthesise
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,15 +26,19 @@ class Pyramid:
     ----------
     lowpass : (H / 2^L, W / 2^L) array
     bands : tuple of L `Bands`
-        Details, finest level first; each array half the size of its predecessor.
+        Details, finest level first; each array half the size of its predecessor. Scaled so that white noise has the
+        standard deviation it has in the image.
+    wavelet : str
+        Its name, see `filterbank.WAVELETS`.
     """
 
     lowpass: FloatArray
     bands: tuple[Bands, ...]
+    wavelet: str = FARRAS
 
 
-def decompose(image: FloatArray, levels: int) -> Pyramid:
-    """Decompose an image that wraps around with the Farras filters.
+def decompose(image: FloatArray, levels: int, wavelet: str = FARRAS) -> Pyramid:
+    """Decompose an image that wraps around.
 
     Parameters
     ----------
@@ -42,6 +46,8 @@ def decompose(image: FloatArray, levels: int) -> Pyramid:
         Both sizes divisible by ``2^levels``.
     levels : int
         At least 1.
+    wavelet : str
+        One of `filterbank.WAVELETS`.
 
     Returns
     -------
@@ -57,17 +63,25 @@ def decompose(image: FloatArray, levels: int) -> Pyramid:
     if levels < 1 or any(size % (1 << levels) for size in lowpass.shape):
         raise ValueError(f"image: expected sizes divisible by 2^{levels}, levels >= 1, got shape {lowpass.shape}")
     bands: list[Bands] = []
-    for _ in range(levels):
-        lowpass, details = analyse(lowpass)
-        bands.append(details)
-    return Pyramid(lowpass, tuple(bands))
+    for gains in noise_gains(wavelet, levels):
+        lowpass, details = analyse(lowpass, wavelet)
+        bands.append(_scaled(details, [1 / gain for gain in gains]))
+    return Pyramid(lowpass, tuple(bands), wavelet)
+
+
+def _scaled(bands: Bands, factors: Sequence[float]) -> Bands:
+    along_v, along_u, along_both = (
+        band if factor == 1 else band * band.dtype.type(factor) for band, factor in zip(bands, factors, strict=True)
+    )
+    return along_v, along_u, along_both
 
 
 def reconstruct(pyramid: Pyramid) -> FloatArray:
     """Recompose the image, exactly: the inverse of `decompose`."""
     image = pyramid.lowpass
-    for details in reversed(pyramid.bands):
-        image = synthesise(image, details)
+    gains = noise_gains(pyramid.wavelet, len(pyramid.bands))
+    for details, gain in zip(reversed(pyramid.bands), reversed(gains), strict=True):
+        image = synthesise(image, _scaled(details, gain), pyramid.wavelet)
     return image
 
 
@@ -111,13 +125,14 @@ def shrink(pyramid: Pyramid, sigma: float, *, window: int = 7) -> Pyramid:
     if sigma == 0:
         return pyramid
     levels = [
-        tuple(_shrunk(child, parent, sigma, window) for child, parent in zip(children, parents, strict=True))
+        tuple(_shrink_band(child, parent, sigma, window) for child, parent in zip(children, parents, strict=True))
         for children, parents in zip(pyramid.bands, pyramid.bands[1:], strict=False)
     ]
-    return Pyramid(pyramid.lowpass, (*levels, pyramid.bands[-1]))  # type: ignore[arg-type]
+    bands = (*levels, pyramid.bands[-1])
+    return Pyramid(pyramid.lowpass, bands, pyramid.wavelet)  # type: ignore[arg-type]
 
 
-def _shrunk(child: FloatArray, parent: FloatArray, sigma: float, window: int) -> FloatArray:
+def _shrink_band(child: FloatArray, parent: FloatArray, sigma: float, window: int) -> FloatArray:
     variance = child.dtype.type(sigma * sigma)
     power = np.square(child)
     local = cv2.blur(power, (window, window), borderType=cv2.BORDER_REFLECT)
