@@ -10,9 +10,8 @@ from uw_recon_ros.bags.reader import open_bag
 from uw_recon_ros.calibration import camera_from_info
 from uw_recon_ros.images import to_gray
 from uw_recon_ros.report.numbers import DepthErrors, depth_errors
-from uw_recon_ros.ros.disparity import disparity_from_message
 from uw_recon_ros.ros.geometry import geometry_from_infos
-from uw_recon_ros.ros.messages import float_image_from_message, image_from_message
+from uw_recon_ros.ros.messages import disparity_from_message, float_image_from_message, image_from_message
 from uw_recon_ros.ros.pairs import color_image
 from uw_recon_ros.simulate.truth import rectify_depth
 from uw_recon_ros.types import (

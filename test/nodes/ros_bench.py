@@ -131,11 +131,11 @@ class Bench:
 
 
 def color(image: np.ndarray, stamp_ns: int, frame_id: str = FRAME) -> Image:
-    return messages.color_message(image, messages.header(stamp_ns, frame_id))
+    return messages.image_message(image, messages.header(stamp_ns, frame_id))
 
 
 def mono(image: np.ndarray, stamp_ns: int, frame_id: str = FRAME) -> Image:
-    return messages.mono_message(image, messages.header(stamp_ns, frame_id))
+    return messages.image_message(image, messages.header(stamp_ns, frame_id))
 
 
 def stamped(info: CameraInfo, stamp_ns: int, frame_id: str = FRAME) -> CameraInfo:

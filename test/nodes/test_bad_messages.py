@@ -79,13 +79,13 @@ def good_disparity(stamp: int) -> dict[str, Any]:
     values = np.full((HEIGHT, WIDTH), np.float32(SHIFT))
     values[:, :SHIFT] = np.nan
     head = messages.header(stamp, FRAME)
-    disparity = DisparityImage(header=head, image=messages.float_message(values, head), max_disparity=12.0)
+    disparity = DisparityImage(header=head, image=messages.image_message(values, head), max_disparity=12.0)
     disparity.f, disparity.t = 60.0, 0.1
     disparity.valid_window.width, disparity.valid_window.height = WIDTH, HEIGHT
     return {
         **good_camera_infos(stamp, "rectified/"),
         "rectified/left/image_rect_color": color(LEFT, stamp),
-        "disparity/sigma": messages.float_message(np.full_like(values, 0.3), head),
+        "disparity/sigma": messages.image_message(np.full_like(values, 0.3), head),
         "disparity/status": mono(np.uint8(8) * np.isnan(values).astype(np.uint8), stamp),
         "disparity": disparity,
     }

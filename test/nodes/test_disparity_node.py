@@ -125,7 +125,7 @@ def no_calibration() -> CameraInfo:
 
 
 HEAD = messages.header(SECOND, FRAME)
-DEEP = messages.image_message(LEFT.astype(np.uint16), "mono16", HEAD)
+DEEP = messages.raw_image_message(LEFT.astype(np.uint16), "mono16", HEAD)
 BAD = {
     "camera_info of another size": (
         {"left_camera_info": CameraInfo(header=HEAD, width=9, height=9)},

@@ -59,7 +59,7 @@ class Matcher:
 
     def send(self, stamp_ns: int, *, metric: bool = True, **spoiled: Any) -> None:
         left, right = infos(stamp_ns, metric=metric)
-        disparity = messages.float_message(true_disparity(), messages.header(stamp_ns, FRAME))
+        disparity = messages.image_message(true_disparity(), messages.header(stamp_ns, FRAME))
         everything = {
             "disparity": DisparityImage(
                 header=disparity.header, image=disparity, min_disparity=0.0, max_disparity=32.0
@@ -140,7 +140,7 @@ def test_principal_points_that_differ(bench: Bench, adjusted: bool, shift: float
     matcher.connect()
     right = infos(SECOND)[1]
     right.p[2] += 4.0
-    sent = messages.float_message(true_disparity() + np.float32(shift), messages.header(SECOND, FRAME))
+    sent = messages.image_message(true_disparity() + np.float32(shift), messages.header(SECOND, FRAME))
     matcher.topics["rectified/right/camera_info"].publish(right)
     for name in ("disparity", "rectified/left/camera_info", matcher.image):
         message = {
@@ -208,7 +208,7 @@ def test_sigma_and_status_are_waited_for_where_they_are_published(bench: Bench) 
     bench.spin_for(0.3)
     assert heard == []
     sigma = np.where(np.isfinite(true_disparity()), np.float32(0.125), np.float32(np.nan))
-    matcher.topics["disparity/sigma"].publish(messages.float_message(sigma, messages.header(SECOND, FRAME)))
+    matcher.topics["disparity/sigma"].publish(messages.image_message(sigma, messages.header(SECOND, FRAME)))
     matcher.topics["disparity/status"].publish(mono(np.zeros((HEIGHT, WIDTH), np.uint8), SECOND))
     bench.spin_until(lambda: heard)
     depth_sigma = messages.float_image_from_message(heard[0])
@@ -232,7 +232,7 @@ def test_a_disparity_that_takes_its_time_finds_its_image(bench: Bench) -> None:
         }.items():
             matcher.topics[topic].publish(message)
         bench.spin_for(0.01)
-    late = messages.float_message(true_disparity(), messages.header(2 * SECOND, FRAME))
+    late = messages.image_message(true_disparity(), messages.header(2 * SECOND, FRAME))
     matcher.topics["disparity"].publish(DisparityImage(header=late.header, image=late))
     bench.spin_until(lambda: len(heard) == 2)
     assert messages.stamp_ns(heard[1]) == 2 * SECOND
@@ -250,7 +250,7 @@ def zero_p(eye: int) -> CameraInfo:
 
 
 HEAD = messages.header(SECOND, FRAME)
-SHORT = messages.float_message(true_disparity(), HEAD)
+SHORT = messages.image_message(true_disparity(), HEAD)
 SHORT.data = SHORT.data[:-4]
 BAD = {
     "encoding": ("disparity", disparity_of(mono(np.zeros((HEIGHT, WIDTH), np.uint8), SECOND)), "expected 32FC1"),
@@ -287,7 +287,7 @@ def test_a_nan_baseline_never_becomes_metres(bench: Bench) -> None:
     left = infos(SECOND)[0]
     matcher.topics["rectified/left/camera_info"].publish(left)
     matcher.topics["rectified/right/camera_info"].publish(right)
-    matcher.topics["disparity"].publish(disparity_of(messages.float_message(true_disparity(), HEAD)))
+    matcher.topics["disparity"].publish(disparity_of(messages.image_message(true_disparity(), HEAD)))
     matcher.topics[matcher.image].publish(color(LEFT, SECOND))
     bench.spin_until(lambda: unscaled)
     assert depth == []

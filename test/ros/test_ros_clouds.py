@@ -10,7 +10,8 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointField
 from visualization_msgs.msg import Marker
 
-from uw_recon_ros.ros.clouds import cloud_message, depth_messages, pack_rgb, surface_message
+from uw_recon_ros.messages.clouds import pack_rgb
+from uw_recon_ros.ros.messages import cloud_message, depth_messages, surface_message
 from uw_recon_ros.types import DepthMap, PointCloud, StereoGeometry, Surface
 
 POINTS = np.array([[[1.0, 2.0, 3.0], [np.nan] * 3]], np.float32)

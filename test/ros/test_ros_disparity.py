@@ -11,8 +11,14 @@ from sensor_msgs.msg import Image
 from stereo_msgs.msg import DisparityImage
 
 from uw_recon_ros.errors import ImageError
-from uw_recon_ros.ros.disparity import disparity_from_message, disparity_message, sigma_message, status_message
-from uw_recon_ros.ros.messages import float_message, header, mono_message
+from uw_recon_ros.ros.messages import (
+    disparity_from_message,
+    disparity_message,
+    header,
+    image_message,
+    sigma_message,
+    status_message,
+)
 from uw_recon_ros.types import DisparityMap, Status, StereoGeometry
 
 NAN = np.float32(np.nan)
@@ -79,7 +85,7 @@ def test_the_map_survives(adjusted: bool) -> None:
 
 
 def outsider(values: list[float], low: float, high: float) -> DisparityImage:
-    image = float_message(np.array([values], np.float32), header(1, "left"))
+    image = image_message(np.array([values], np.float32), header(1, "left"))
     return DisparityImage(header=image.header, image=image, min_disparity=low, max_disparity=high)
 
 
@@ -104,7 +110,7 @@ def test_infinite_limits_do_no_harm() -> None:
 
 
 def test_a_status_that_contradicts_is_overruled() -> None:
-    status = mono_message(np.array([[Status.OCCLUDED, 0]], np.uint8), header(1, "left"))
+    status = image_message(np.array([[Status.OCCLUDED, 0]], np.uint8), header(1, "left"))
     got = disparity_from_message(outsider([1.0, math.nan], 0.0, 9.0), StereoGeometry(1.0, 0, 0, 0), status=status)
     assert got.status[0, 0] == 0
     assert got.status[0, 1] != 0
@@ -112,7 +118,7 @@ def test_a_status_that_contradicts_is_overruled() -> None:
 
 @pytest.mark.parametrize("name", ["sigma", "status"])
 def test_companions_of_another_size_are_refused(name: str) -> None:
-    make = {"sigma": float_message, "status": mono_message}[name]
+    make = {"sigma": image_message, "status": image_message}[name]
     wrong = make(np.zeros((3, 2), np.float32 if name == "sigma" else np.uint8), header(1, "left"))
     with pytest.raises(ImageError, match=f"disparity/{name}: expected the disparity's 2x1 px"):
         disparity_from_message(outsider([1.0, 2.0], 0.0, 9.0), StereoGeometry(1.0, 0, 0, 0), **{name: wrong})

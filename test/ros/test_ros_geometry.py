@@ -12,15 +12,14 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import CameraInfo
 
 from uw_recon_ros.errors import CalibrationError
+from uw_recon_ros.messages.cameras import ideal_camera
 from uw_recon_ros.ros.geometry import (
     check_size,
     geometry_from_infos,
     infos_from_geometry,
-    mark_window,
-    rectified_info,
     window_from_info,
 )
-from uw_recon_ros.ros.messages import header
+from uw_recon_ros.ros.messages import camera_info_message, header
 from uw_recon_ros.types import StereoGeometry, Window
 
 HEAD = header(5_000_000_001, "left_optical_frame")
@@ -138,16 +137,16 @@ def test_a_rotation_left_at_zero_is_none() -> None:
 
 
 def test_depth_camera_is_ideal() -> None:
-    info = rectified_info(np.array([[5.0, 0, 2], [0, 6, 3], [0, 0, 1]]), (4, 6), HEAD)
+    info = camera_info_message(ideal_camera(np.array([[5.0, 0, 2], [0, 6, 3], [0, 0, 1]]), (4, 6)), HEAD)
     np.testing.assert_array_equal(info.p.reshape(3, 4)[:, :3], info.k.reshape(3, 3))
     np.testing.assert_array_equal(info.r.reshape(3, 3), np.eye(3))
     assert not np.any(info.d)
 
 
 def test_window_and_size() -> None:
-    info = rectified_info(np.eye(3), (40, 30), HEAD)
+    info = camera_info_message(ideal_camera(np.eye(3), (40, 30)), HEAD)
     assert window_from_info(info) is None
-    mark_window(info, Window(3, 4, 20, 10))
+    info = camera_info_message(ideal_camera(np.eye(3), (40, 30)), HEAD, Window(3, 4, 20, 10))
     assert window_from_info(over_the_wire(info)) == Window(3, 4, 20, 10)
     check_size(info, (30, 40, 3))
     with pytest.raises(CalibrationError, match="expected the image's size 30x40, got 40x30"):

@@ -38,7 +38,7 @@ def test_stamp_before_1970_and_beyond_32_bits() -> None:
 
 
 def test_color_message_is_bgr() -> None:
-    message = messages.color_message(RGB, HEAD)
+    message = messages.image_message(RGB, HEAD)
     assert message.data.tobytes() == bytes([3, 2, 1, 6, 5, 4])
     assert (message.encoding, message.width, message.height, message.step) == ("bgr8", 2, 1, 6)
     assert message.header.frame_id == "cam_left_optical_frame"
@@ -46,13 +46,13 @@ def test_color_message_is_bgr() -> None:
 
 def test_mono_message_of_a_view_that_is_not_contiguous() -> None:
     wide = np.arange(12, dtype=np.uint8).reshape(2, 6)
-    message = messages.mono_message(wide[:, ::3], HEAD)
+    message = messages.image_message(wide[:, ::3], HEAD)
     assert message.data.tobytes() == bytes([0, 3, 6, 9])
     assert message.step == 2
 
 
 def test_float_message_is_ieee754_in_the_declared_order() -> None:
-    message = messages.float_message(np.array([[1.0, np.nan]], np.float32), HEAD)
+    message = messages.image_message(np.array([[1.0, np.nan]], np.float32), HEAD)
     one = bytes([0, 0, 0x80, 0x3F]) if sys.byteorder == "little" else bytes([0x3F, 0x80, 0, 0])
     assert message.data.tobytes()[:4] == one
     assert bool(message.is_bigendian) == (sys.byteorder == "big")
@@ -139,18 +139,18 @@ def test_what_is_wrong_with_a_float_image_is_said(message: Image, words: str) ->
 @settings(derandomize=True, max_examples=20, deadline=None)
 def test_color_survives_the_wire(seed: int, width: int, height: int) -> None:
     pixels = np.random.default_rng(seed).integers(0, 256, (height, width, 3), np.uint8)
-    received = deserialize_message(serialize_message(messages.color_message(pixels, HEAD)), Image)
+    received = deserialize_message(serialize_message(messages.image_message(pixels, HEAD)), Image)
     np.testing.assert_array_equal(messages.image_from_message(received), pixels)
 
 
 def test_a_message_is_filled_once_and_not_appended_to() -> None:
-    first = messages.mono_message(np.zeros((2, 2), np.uint8), HEAD)
-    second = messages.mono_message(np.ones((2, 2), np.uint8), HEAD)
+    first = messages.image_message(np.zeros((2, 2), np.uint8), HEAD)
+    second = messages.image_message(np.ones((2, 2), np.uint8), HEAD)
     assert len(first.data) == len(second.data) == 4
 
 
 def test_reading_does_not_copy_mono_images() -> None:
-    message = messages.mono_message(np.zeros((4, 4), np.uint8), HEAD)
+    message = messages.image_message(np.zeros((4, 4), np.uint8), HEAD)
     read = messages.image_from_message(message)
     message.data[0] = 7
     assert read[0, 0] == 7

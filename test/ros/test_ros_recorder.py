@@ -9,7 +9,7 @@ import pytest
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
 from stereo_msgs.msg import DisparityImage
 
-from uw_recon_ros.ros.messages import float_message, header
+from uw_recon_ros.ros.messages import header, image_message
 from uw_recon_ros.ros.recorder import Recorder, camera_numbers
 
 SECOND = 1_000_000_000
@@ -52,7 +52,7 @@ def test_images() -> None:
 
 def test_share_of_valid_disparities() -> None:
     values = np.array([[3, np.nan], [-1, 7]], np.float32)  # -1: how others mark invalid ones
-    message = DisparityImage(header=header(SECOND, "cam"), image=float_message(values, header(SECOND, "cam")))
+    message = DisparityImage(header=header(SECOND, "cam"), image=image_message(values, header(SECOND, "cam")))
     assert heard(message).arrivals(1.0).valid_share == 0.5
     message.image.data = array.array("B", bytes(7))
     assert heard(message).arrivals(1.0).valid_share is None

@@ -14,10 +14,17 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from uw_recon_ros.bags import messages
 from uw_recon_ros.reconstruct.stage import Reconstruct, ReconstructParams
-from uw_recon_ros.ros.clouds import cloud_message, depth_messages, surface_message
-from uw_recon_ros.ros.disparity import disparity_message, sigma_message, status_message
-from uw_recon_ros.ros.messages import color_message, header, mono_message
-from uw_recon_ros.ros.pairs import rectified_infos
+from uw_recon_ros.ros.messages import (
+    cloud_message,
+    depth_messages,
+    disparity_message,
+    header,
+    image_message,
+    rectified_infos,
+    sigma_message,
+    status_message,
+    surface_message,
+)
 from uw_recon_ros.survey.products import Products, Stopwatch
 from uw_recon_ros.survey.topics import frame_messages
 from uw_recon_ros.types import (
@@ -62,16 +69,16 @@ def of_the_nodes(p: Products) -> dict[str, Any]:
     head = header(STAMP, p.enhanced.frame_id)
     infos = rectified_infos(p.rectified)
     made: dict[str, Any] = {
-        "left/image_matching": mono_message(p.enhanced.left_matching, head),
-        "right/image_matching": mono_message(p.enhanced.right_matching, head),
-        "left/image_enhanced": color_message(p.enhanced.left, head),
-        "right/image_enhanced": color_message(p.enhanced.right, head),
+        "left/image_matching": image_message(p.enhanced.left_matching, head),
+        "right/image_matching": image_message(p.enhanced.right_matching, head),
+        "left/image_enhanced": image_message(p.enhanced.left, head),
+        "right/image_enhanced": image_message(p.enhanced.right, head),
         "rectified/left/camera_info": infos[0],
         "rectified/right/camera_info": infos[1],
-        "rectified/left/image_rect_color": color_message(p.rectified.left, head),
-        "rectified/right/image_rect_color": color_message(p.rectified.right, head),
-        "rectified/left/image_rect": mono_message(p.rectified.left_matching, head),
-        "rectified/right/image_rect": mono_message(p.rectified.right_matching, head),
+        "rectified/left/image_rect_color": image_message(p.rectified.left, head),
+        "rectified/right/image_rect_color": image_message(p.rectified.right, head),
+        "rectified/left/image_rect": image_message(p.rectified.left_matching, head),
+        "rectified/right/image_rect": image_message(p.rectified.right_matching, head),
         "disparity/status": status_message(p.disparity),
         "disparity/sigma": sigma_message(p.disparity),
         "disparity": disparity_message(p.disparity),

@@ -1,4 +1,4 @@
-"""Recorded messages <-> arrays and the project's nouns, without ROS: the CDR work is rosbags'."""
+"""The messages room with the classes of bags, without ROS: the CDR work is rosbags'."""
 
 from __future__ import annotations
 
@@ -8,21 +8,25 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from rosbags.interfaces import Nodetype
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from uw_recon_ros.bags.model import RawMessage
-from uw_recon_ros.errors import BagError, ImageError
-from uw_recon_ros.images import decode_compressed, decode_image
-from uw_recon_ros.types import CameraModel, FloatImage, RawImage
+from uw_recon_ros.errors import BagError
+from uw_recon_ros.messages import cameras, images, poses
+from uw_recon_ros.messages.cameras import CAMERA_INFO
+from uw_recon_ros.messages.clouds import marker_without_corners
+from uw_recon_ros.messages.headers import header, stamp_ns
+from uw_recon_ros.messages.images import COMPRESSED_IMAGE, IMAGE, depth_from_message, image_from_message
+from uw_recon_ros.types import CameraModel, Surface
 
-IMAGE = "sensor_msgs/msg/Image"
-COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
-CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
-POSE = "geometry_msgs/msg/PoseStamped"
-
-_NS = 1_000_000_000
+__all__ = [
+    "CAMERA_INFO", "COMPRESSED_IMAGE", "IMAGE", "MAKE", "BagFactory", "camera_info_message", "decode",
+    "depth_from_message", "encode", "encode_surface", "image_from_message", "image_message", "pose_message",
+    "stamp_ns", "typestore",
+]  # fmt: skip
 
 
 @cache
@@ -45,118 +49,76 @@ def decode(message: RawMessage) -> Any:
         raise BagError(f"{message.topic}: {len(message.data)} bytes are no {message.type} ({error})") from error
 
 
-def stamp_ns(message: Any) -> int:
-    """Header stamp of a decoded message, ns."""
-    stamp = message.header.stamp
-    return int(stamp.sec) * _NS + int(stamp.nanosec)
+class BagFactory:
+    """Makes the messages that bags are written from; see `uw_recon_ros.messages.factory`."""
+
+    def __call__(self, type_name: str, **fields: Any) -> Any:
+        """Make a message; fields that are not given are zero or empty."""
+        missing = {name: kind for name, kind in typestore().fielddefs[type_name][1] if name not in fields}
+        return typestore().types[type_name](**fields, **{name: self._empty(kind) for name, kind in missing.items()})
+
+    def octets(self, array: NDArray[Any]) -> Any:
+        """Bytes of an array, rows one after the other."""
+        return np.ascontiguousarray(array).reshape(-1).view(np.uint8)
+
+    def doubles(self, array: NDArray[Any]) -> Any:
+        """Numbers of an array."""
+        return np.asarray(array, np.float64).ravel()
+
+    def _empty(self, kind: Any) -> Any:
+        node, inner = kind
+        if node is Nodetype.BASE:
+            return "" if inner[0] == "string" else np.zeros(1, inner[0])[0].item()
+        if node is Nodetype.NAME:
+            return self(inner)
+        (element, name), count = inner
+        if element is not Nodetype.BASE or name[0] == "string":
+            return [self._empty((element, name)) for _ in range(count if node is Nodetype.ARRAY else 0)]
+        return np.zeros(count if node is Nodetype.ARRAY else 0, name[0])
 
 
-def image_from_message(message: Any) -> RawImage:
-    """Array of a decoded Image or CompressedImage: mono or RGB.
-
-    Raises
-    ------
-    ImageError
-    """
-    if not hasattr(message, "encoding"):
-        return decode_compressed(message.data)
-    return decode_image(
-        message.data, height=message.height, width=message.width, encoding=message.encoding, step=message.step,
-        is_bigendian=message.is_bigendian,
-    )  # fmt: skip
-
-
-_DEPTHS: dict[str, tuple[np.dtype[Any], float]] = {
-    "32FC1": (np.dtype(np.float32), 1.0),
-    "16UC1": (np.dtype(np.uint16), 0.001),
-}
-
-
-def depth_from_message(message: Any) -> FloatImage:
-    """Depth in m of a decoded Image, 32FC1 (m) or 16UC1 (mm, 0 = invalid) as REP 118 has them: NaN = invalid.
-
-    Raises
-    ------
-    ImageError
-    """
-    if message.encoding not in _DEPTHS:
-        raise ImageError(f"depth: expected {' or '.join(_DEPTHS)}, got {str(message.encoding)[:40]!r}")
-    kind, unit_m = _DEPTHS[message.encoding]
-    row = int(message.width) * kind.itemsize
-    if message.step < row or len(message.data) != message.step * message.height:
-        told = f"{len(message.data)} bytes in steps of {message.step}"
-        raise ImageError(f"depth: expected {message.height} rows of at least {row} bytes, got {told}")
-    rows = np.ascontiguousarray(np.asarray(message.data).reshape(message.height, message.step)[:, :row])
-    values = rows.view(kind.newbyteorder(">" if message.is_bigendian else "<")).astype(np.float32)
-    depth: FloatImage = np.where(np.isfinite(values) & (values > 0), values * np.float32(unit_m), np.float32(np.nan))
-    return depth
-
-
-def _message_class(type_name: str) -> Any:
-    return typestore().types[type_name]
-
-
-def _header(time_ns: int, frame_id: str) -> Any:
-    time = _message_class("builtin_interfaces/msg/Time")(sec=time_ns // _NS, nanosec=time_ns % _NS)
-    return _message_class("std_msgs/msg/Header")(stamp=time, frame_id=frame_id)
-
-
-_ENCODINGS = {
-    ("uint8", 2): "mono8",
-    ("uint8", 3): "bgr8",
-    ("uint16", 2): "mono16",
-    ("uint16", 3): "bgr16",
-    ("float32", 2): "32FC1",
-}
+#: The one there needs to be.
+MAKE = BagFactory()
 
 
 def image_message(image: NDArray[Any], *, time_ns: int, frame_id: str) -> Any:
-    """Image message of an array.
-
-    Parameters
-    ----------
-    image : (H, W) uint8, uint16 or float32, or (H, W, 3) uint8 or uint16
-        Mono, depth in m, or RGB (recorded as BGR).
-    time_ns : int
-        Header stamp, ns.
-    frame_id : str
-    """
-    encoding = _ENCODINGS.get((image.dtype.name, image.ndim))
-    if encoding is None or (image.ndim == 3 and image.shape[2] != 3):
-        raise ValueError(f"image: expected 8 or 16 bits mono or RGB, or float32 mono, got {image.dtype} {image.shape}")
-    swapped = np.ascontiguousarray(image[..., ::-1] if image.ndim == 3 else image)
-    swapped = swapped.astype(swapped.dtype.newbyteorder("<"), copy=False)
-    return _message_class(IMAGE)(
-        header=_header(time_ns, frame_id), height=image.shape[0], width=image.shape[1], encoding=encoding,
-        is_bigendian=0, step=swapped.strides[0], data=swapped.reshape(-1).view(np.uint8),
-    )  # fmt: skip
+    """Image message of an array, mono or RGB, see `messages.images.image_message`; `time_ns` is the header stamp."""
+    return images.image_message(MAKE, image, header(MAKE, time_ns, frame_id))
 
 
 def camera_info_message(camera: CameraModel, *, time_ns: int, frame_id: str) -> Any:
     """CameraInfo message of a camera."""
-    region = _message_class("sensor_msgs/msg/RegionOfInterest")(
-        x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
-    )
-    return _message_class(CAMERA_INFO)(
-        header=_header(time_ns, frame_id), height=camera.height, width=camera.width,
-        distortion_model=camera.distortion_model, d=np.asarray(camera.d, np.float64).ravel(),
-        k=np.asarray(camera.k, np.float64).ravel(), r=np.asarray(camera.r, np.float64).ravel(),
-        p=np.asarray(camera.p, np.float64).ravel(), binning_x=0, binning_y=0, roi=region,
-    )  # fmt: skip
+    return cameras.camera_info_message(MAKE, camera, header(MAKE, time_ns, frame_id))
 
 
 def pose_message(position: NDArray[Any], quaternion: NDArray[Any], *, time_ns: int, frame_id: str) -> Any:
     """PoseStamped of a position (3,) in m and a unit quaternion (4,) x, y, z, w."""
-    x, y, z = (float(value) for value in position)
-    qx, qy, qz, qw = (float(value) for value in quaternion)
-    pose = _message_class("geometry_msgs/msg/Pose")(
-        position=_message_class("geometry_msgs/msg/Point")(x=x, y=y, z=z),
-        orientation=_message_class("geometry_msgs/msg/Quaternion")(x=qx, y=qy, z=qz, w=qw),
-    )
-    return _message_class(POSE)(header=_header(time_ns, frame_id), pose=pose)
+    return poses.pose_message(MAKE, position, quaternion, header(MAKE, time_ns, frame_id))
 
 
 def encode(message: Any) -> tuple[str, bytes]:
     """Type name and CDR bytes of a message object."""
     name = str(message.__msgtype__)
     return name, bytes(typestore().serialize_cdr(message, name))
+
+
+def encode_surface(surface: Surface) -> tuple[str, bytes]:
+    """Type name and CDR bytes of `messages.clouds.surface_message`.
+
+    The serialiser takes a second for a hundred thousand corners as objects, so they are put in as arrays: a marker is
+    serialised without them, and opened where they belong (lists of 8-byte, then of 4-byte numbers, after their counts).
+    """
+    marker = marker_without_corners(MAKE, surface)
+    kind, without = encode(marker)
+    marker.points = [MAKE("geometry_msgs/msg/Point")]
+    with_one = encode(marker)[1]
+    place = next(i for i, (a, b) in enumerate(zip(without, with_one, strict=False)) if a != b)
+    corners = surface.faces.ravel()
+    count = struct.pack("<I", len(corners))
+    if not len(corners):
+        return kind, without
+    padding = bytes(-(place + 4 - 4) % 8)  # 4 for the count, less 4 of the encapsulation, which alignment leaves out
+    points = np.ascontiguousarray(surface.vertices[corners], "<f8").tobytes()
+    colors = np.ones((len(corners), 4), "<f4")
+    colors[:, :3] = surface.colors[corners] / 255.0
+    return kind, b"".join([without[:place], count, padding, points, count, colors.tobytes(), without[place + 8 :]])

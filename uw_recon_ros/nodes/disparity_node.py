@@ -4,7 +4,7 @@
 | --- | --- | --- |
 | `rectified/left/image_rect`, `rectified/right/image_rect` | Image mono8 | in |
 | `rectified/left/camera_info`, `rectified/right/camera_info` | CameraInfo | in, of the same stamp |
-| `disparity` | stereo_msgs/DisparityImage | out: NaN = invalid; see `uw_recon_ros.ros.disparity` |
+| `disparity` | stereo_msgs/DisparityImage | out: NaN = invalid; see `uw_recon_ros.messages.disparities` |
 | `disparity/status` | Image mono8 | out: `Status` bits, why a pixel is invalid |
 | `disparity/sigma` | Image 32FC1 | out: standard deviation, px |
 """
@@ -22,9 +22,9 @@ from uw_recon_ros.match.stage import MatchParams
 from uw_recon_ros.node_params import DisparityMessageParams, RateParams
 from uw_recon_ros.ros.assembly import Group
 from uw_recon_ros.ros.diagnostics import Diagnostics
-from uw_recon_ros.ros.disparity import disparity_message, sigma_message, status_message
 from uw_recon_ros.ros.main import run
 from uw_recon_ros.ros.matching import NodeMatcher
+from uw_recon_ros.ros.messages import disparity_message, sigma_message, status_message
 from uw_recon_ros.ros.node import StageNode
 from uw_recon_ros.ros.outputs import Outputs
 from uw_recon_ros.ros.pairs import rectified_pair

@@ -19,7 +19,7 @@ from uw_recon_ros.node_params import CameraParams
 from uw_recon_ros.preprocess.stage import Preprocess, PreprocessParams
 from uw_recon_ros.ros.assembly import Group
 from uw_recon_ros.ros.main import run
-from uw_recon_ros.ros.messages import color_message, header, mono_message
+from uw_recon_ros.ros.messages import header, image_message
 from uw_recon_ros.ros.node import StageNode
 from uw_recon_ros.ros.outputs import Outputs
 from uw_recon_ros.ros.pairs import raw_pair
@@ -44,10 +44,10 @@ def camera_filter(params: CameraParams) -> Any:
 def publish_enhanced(outputs: Outputs, pair: EnhancedPair) -> None:
     """Publish what the preprocessing stage made."""
     head = header(pair.stamp_ns, pair.frame_id)
-    outputs.send("left/image_matching", lambda: mono_message(pair.left_matching, head))
-    outputs.send("right/image_matching", lambda: mono_message(pair.right_matching, head))
-    outputs.send("left/image_enhanced", lambda: color_message(pair.left, head))
-    outputs.send("right/image_enhanced", lambda: color_message(pair.right, head))
+    outputs.send("left/image_matching", lambda: image_message(pair.left_matching, head))
+    outputs.send("right/image_matching", lambda: image_message(pair.right_matching, head))
+    outputs.send("left/image_enhanced", lambda: image_message(pair.left, head))
+    outputs.send("right/image_enhanced", lambda: image_message(pair.right, head))
 
 
 class PreprocessNode(StageNode[Preprocess]):

@@ -26,10 +26,10 @@ from uw_recon_ros.ros import frames
 from uw_recon_ros.ros.assembly import Group
 from uw_recon_ros.ros.diagnostics import Diagnostics
 from uw_recon_ros.ros.main import run
-from uw_recon_ros.ros.messages import color_message, header, mono_message
+from uw_recon_ros.ros.messages import header, image_message, rectified_infos
 from uw_recon_ros.ros.node import StageNode
 from uw_recon_ros.ros.outputs import Outputs
-from uw_recon_ros.ros.pairs import calibration_from_infos, enhanced_pair, is_calibrated, rectified_infos
+from uw_recon_ros.ros.pairs import calibration_from_infos, enhanced_pair, is_calibrated
 from uw_recon_ros.ros.parameters import ParameterSet
 from uw_recon_ros.ros.topics import Input, Output, Source
 from uw_recon_ros.types import EnhancedPair, RectifiedPair
@@ -107,10 +107,10 @@ def publish_rectified(outputs: Outputs, pair: RectifiedPair) -> None:
     left_info, right_info = rectified_infos(pair)
     outputs.send("rectified/left/camera_info", lambda: left_info)
     outputs.send("rectified/right/camera_info", lambda: right_info)
-    outputs.send("rectified/left/image_rect_color", lambda: color_message(pair.left, head))
-    outputs.send("rectified/right/image_rect_color", lambda: color_message(pair.right, head))
-    outputs.send("rectified/left/image_rect", lambda: mono_message(pair.left_matching, head))
-    outputs.send("rectified/right/image_rect", lambda: mono_message(pair.right_matching, head))
+    outputs.send("rectified/left/image_rect_color", lambda: image_message(pair.left, head))
+    outputs.send("rectified/right/image_rect_color", lambda: image_message(pair.right, head))
+    outputs.send("rectified/left/image_rect", lambda: image_message(pair.left_matching, head))
+    outputs.send("rectified/right/image_rect", lambda: image_message(pair.right_matching, head))
 
 
 class RectifyNode(StageNode[RigRectifier]):

@@ -1,13 +1,7 @@
-"""Rectified geometry <-> a pair of ``CameraInfo``.
+"""A pair of ``CameraInfo`` -> rectified geometry; `uw_recon_ros.messages.cameras` tells what travels.
 
-What travels: ``P[:3, :3]`` is the rectified intrinsic matrix, ``P[3] = -fx B`` of the right camera (``P[7] = -fy B``
-in a vertical rig) the baseline, and ``R`` of the left camera the rotation from its unrotated frame to the rectified
-one. ``K = P[:3, :3]`` and ``D = 0``, since the images are rectified already.
-
-An unknown baseline is NaN at its place, ``P[3]`` or ``P[7]``, which thereby still tells the rig's axis; the NaN's sign
-bit is set where the second camera lies on the other side (`StereoGeometry.baseline_sign`). Whoever computes metres from
-it gets NaN, the one spelling of "invalid". Zero in both places, as uncalibrated drivers publish it, is read as an
-unknown baseline of a horizontal rig.
+Zero at the places of the baseline, as uncalibrated drivers publish it, is read as an unknown baseline of a horizontal
+rig.
 """
 
 from __future__ import annotations
@@ -19,6 +13,8 @@ from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
 
 from uw_recon_ros.errors import CalibrationError
+from uw_recon_ros.messages.cameras import rectified_cameras
+from uw_recon_ros.ros.messages import camera_info_message
 from uw_recon_ros.types import Axis, Matrix, StereoGeometry, Window
 
 _ALIKE = 1e-3  # relative difference of focal lengths that counts as equal
@@ -26,53 +22,10 @@ _LARGEST_PX, _LARGEST_M = 1e7, 1e6  # what a focal length, a principal point, a 
 _SAME_ROW_PX = 0.5  # difference of the principal points across the baseline that counts as equal
 
 
-def rectified_info(intrinsics: Matrix, size: tuple[int, int], head: Header) -> CameraInfo:
-    """Describe an ideal camera: ``D = 0``, ``R = I``, ``P = [K | 0]``.
-
-    Parameters
-    ----------
-    intrinsics : (3, 3) float64
-    size : (int, int)
-        Width and height, px.
-    head : Header
-    """
-    info = CameraInfo(header=head, width=size[0], height=size[1], distortion_model="plumb_bob")
-    info.k = intrinsics.ravel()
-    info.d = [0.0] * 5
-    info.r = np.eye(3).ravel()
-    info.p = np.hstack([intrinsics, np.zeros((3, 1))]).ravel()
-    return info
-
-
 def infos_from_geometry(geometry: StereoGeometry, size: tuple[int, int], head: Header) -> tuple[CameraInfo, CameraInfo]:
-    """Describe both rectified views.
-
-    Parameters
-    ----------
-    geometry : StereoGeometry
-    size : (int, int)
-        Width and height of either view, px.
-    head : Header
-
-    Returns
-    -------
-    left, right : CameraInfo
-    """
-    left = rectified_info(geometry.intrinsics_left, size, head)
-    left.r = np.asarray(geometry.rect_from_raw_left, np.float64).ravel()
-    along = 0 if geometry.axis == "horizontal" else 1
-    intrinsics = geometry.intrinsics_left
-    intrinsics[along, 2] = geometry.cx_right
-    right = rectified_info(intrinsics, size, head)
-    right.p[4 * along + 3] = _shift(geometry)
+    """Describe both rectified views, of `size` (width, height) px."""
+    left, right = (camera_info_message(camera, head) for camera in rectified_cameras(geometry, size))
     return left, right
-
-
-def _shift(geometry: StereoGeometry) -> float:
-    """``-f B``, or the NaN that stands for it."""
-    if geometry.baseline_m is None:
-        return math.copysign(math.nan, geometry.baseline_sign)
-    return -geometry.focal_px * geometry.baseline_m
 
 
 def geometry_from_infos(left: CameraInfo, right: CameraInfo) -> StereoGeometry:
@@ -160,15 +113,8 @@ def _rotation(info: CameraInfo) -> tuple[tuple[float, ...], ...]:
     return tuple(tuple(float(x) for x in row) for row in r)
 
 
-def mark_window(info: CameraInfo, window: Window | None) -> None:
-    """Note in ``roi`` which part of a rectified image shows something, where that is not all of it."""
-    if window is not None:
-        info.roi.x_offset, info.roi.y_offset = window.u, window.v
-        info.roi.width, info.roi.height = window.width, window.height
-
-
 def window_from_info(info: CameraInfo) -> Window | None:
-    """Read what `mark_window` wrote.
+    """Which part of a rectified image shows something, as ``roi`` tells; None: all of it.
 
     Raises
     ------

@@ -10,9 +10,9 @@ from typing import Any
 from rclpy.node import Node
 
 from uw_recon_ros.errors import MessageError
+from uw_recon_ros.messages.headers import received_stamp_ns
 from uw_recon_ros.ros.assembly import Assembler, Group
 from uw_recon_ros.ros.diagnostics import PASSED_OVER, Diagnostics
-from uw_recon_ros.ros.messages import received_stamp_ns
 from uw_recon_ros.ros.pace import Pace
 from uw_recon_ros.ros.qos import ReliableFirst
 from uw_recon_ros.ros.stalls import in_one_line, why_silent, why_unpaired

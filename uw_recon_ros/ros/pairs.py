@@ -11,15 +11,10 @@ from sensor_msgs.msg import CameraInfo, Image
 from uw_recon_ros.calibration import camera_from_info
 from uw_recon_ros.errors import ImageError
 from uw_recon_ros.images import to_gray
+from uw_recon_ros.messages.headers import stamp_ns
+from uw_recon_ros.messages.images import image_from_message
 from uw_recon_ros.ros.assembly import Group
-from uw_recon_ros.ros.geometry import (
-    check_size,
-    geometry_from_infos,
-    infos_from_geometry,
-    mark_window,
-    window_from_info,
-)
-from uw_recon_ros.ros.messages import header, image_from_message, stamp_ns
+from uw_recon_ros.ros.geometry import check_size, geometry_from_infos, window_from_info
 from uw_recon_ros.types import (
     ByteImage,
     EnhancedPair,
@@ -75,15 +70,6 @@ def rectified_pair(group: Group) -> RectifiedPair:
         valid_left=windows[0], valid_right=windows[1],
         stamp_ns=stamp_ns(group["left"]), frame_id=group["left"].header.frame_id,
     )  # fmt: skip
-
-
-def rectified_infos(pair: RectifiedPair) -> tuple[CameraInfo, CameraInfo]:
-    """Describe both views of a rectified pair."""
-    height, width = pair.left.shape[:2]
-    left, right = infos_from_geometry(pair.geometry, (width, height), header(pair.stamp_ns, pair.frame_id))
-    mark_window(left, pair.valid_left)
-    mark_window(right, pair.valid_right)
-    return left, right
 
 
 def is_calibrated(info: CameraInfo) -> bool:

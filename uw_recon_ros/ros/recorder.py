@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from uw_recon_ros.doctor.observation import Arrivals, CameraNumbers, Endpoint
-from uw_recon_ros.ros.messages import stamp_ns
+from uw_recon_ros.messages.headers import stamp_ns
 
 _MOST_STAMPS = 2000
 _FLOAT32 = 7  # sensor_msgs/PointField.FLOAT32

@@ -9,65 +9,63 @@ d``. Where they are not, the message's definition wants the difference added bef
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sensor_msgs.msg import Image
-from std_msgs.msg import Header
-from stereo_msgs.msg import DisparityImage
 
 from uw_recon_ros.errors import ImageError
-from uw_recon_ros.ros.messages import (
-    float_image_from_message,
-    float_message,
-    header,
-    image_from_message,
-    mono_message,
-    stamp_ns,
-)
+from uw_recon_ros.messages.factory import MessageFactory
+from uw_recon_ros.messages.headers import header, stamp_ns
+from uw_recon_ros.messages.images import float_image_from_message, image_from_message, image_message
 from uw_recon_ros.types import ByteImage, DisparityMap, FloatImage, Status, StereoGeometry
 
+DISPARITY = "stereo_msgs/msg/DisparityImage"
 _INTEGER_STEP, _SUBPIXEL_STEP = 1.0, 1.0 / 16.0
 _LARGEST_PX = 65_536.0
 
 
-def disparity_message(disparity: DisparityMap, *, adjusted: bool = False) -> DisparityImage:
-    """Make the message of a disparity map; invalid pixels stay NaN."""
+def disparity_message(make: MessageFactory, disparity: DisparityMap, *, adjusted: bool = False) -> Any:
+    """Make the ``DisparityImage`` of a disparity map; invalid pixels stay NaN."""
     geometry, values = disparity.geometry, disparity.disparity
     offset = np.float32(geometry.offset_px if adjusted else 0.0)
-    head = _head(disparity)
-    message = DisparityImage(header=head, image=float_message(values + offset if offset else values, head))
-    message.f = float(geometry.focal_px)
-    message.t = math.nan if geometry.baseline_m is None else float(geometry.baseline_m)
-    message.valid_window.height, message.valid_window.width = values.shape
+    head = _head(make, disparity)
     valid = values[np.isfinite(values)]
-    # Refinement may step out of the searched integers; by definition a value under the minimum would be invalid.
-    message.min_disparity = float(valid.min(initial=disparity.min_disparity) + offset)
-    message.max_disparity = float(valid.max(initial=disparity.max_disparity) + offset)
-    message.delta_d = _INTEGER_STEP if np.array_equal(valid, np.rint(valid)) else _SUBPIXEL_STEP
-    return message
+    height, width = values.shape
+    return make(
+        DISPARITY,
+        header=head,
+        image=image_message(make, values + offset if offset else values, head),
+        f=float(geometry.focal_px),
+        t=math.nan if geometry.baseline_m is None else float(geometry.baseline_m),
+        valid_window=make("sensor_msgs/msg/RegionOfInterest", height=height, width=width),
+        # Refinement may step out of the searched integers; by definition a value under the minimum would be invalid.
+        min_disparity=float(valid.min(initial=disparity.min_disparity) + offset),
+        max_disparity=float(valid.max(initial=disparity.max_disparity) + offset),
+        delta_d=_INTEGER_STEP if np.array_equal(valid, np.rint(valid)) else _SUBPIXEL_STEP,
+    )
 
 
-def status_message(disparity: DisparityMap) -> Image:
+def status_message(make: MessageFactory, disparity: DisparityMap) -> Any:
     """Make the ``disparity/status`` message: `Status` bits as ``mono8``."""
-    return mono_message(disparity.status, _head(disparity))
+    return image_message(make, disparity.status, _head(make, disparity))
 
 
-def sigma_message(disparity: DisparityMap) -> Image:
+def sigma_message(make: MessageFactory, disparity: DisparityMap) -> Any:
     """Make the ``disparity/sigma`` message: px as ``32FC1``."""
-    return float_message(disparity.sigma, _head(disparity))
+    return image_message(make, disparity.sigma, _head(make, disparity))
 
 
-def _head(disparity: DisparityMap) -> Header:
-    return header(disparity.stamp_ns, disparity.frame_id)
+def _head(make: MessageFactory, disparity: DisparityMap) -> Any:
+    return header(make, disparity.stamp_ns, disparity.frame_id)
 
 
 def disparity_from_message(
-    message: DisparityImage,
+    message: Any,
     geometry: StereoGeometry,
     *,
-    sigma: Image | None = None,
-    status: Image | None = None,
+    sigma: Any = None,
+    status: Any = None,
     assumed_sigma_px: float = 0.5,
     adjusted: bool = False,
 ) -> DisparityMap:
@@ -110,7 +108,7 @@ def disparity_from_message(
     )
 
 
-def _check_fields(message: DisparityImage) -> None:
+def _check_fields(message: Any) -> None:
     """Refuse what no matcher means: a NaN is an unknown baseline in `t`, and nothing elsewhere."""
     if not math.isfinite(message.f) or math.isinf(message.t):
         raise ImageError(f"disparity: expected finite f and T, got f = {message.f:g}, T = {message.t:g}")
@@ -132,7 +130,7 @@ def _limit(value: float) -> float:
     return value if math.isfinite(value) else 0.0
 
 
-def _sigma(message: Image | None, valid: NDArray[np.bool_], assumed_px: float) -> FloatImage:
+def _sigma(message: Any, valid: NDArray[np.bool_], assumed_px: float) -> FloatImage:
     if message is None:
         sigma = np.full(valid.shape, assumed_px, np.float32)
     else:
@@ -142,7 +140,7 @@ def _sigma(message: Image | None, valid: NDArray[np.bool_], assumed_px: float) -
     return checked
 
 
-def _status(message: Image | None, valid: NDArray[np.bool_]) -> ByteImage:
+def _status(message: Any, valid: NDArray[np.bool_]) -> ByteImage:
     reasons = np.zeros(valid.shape, np.uint8)
     if message is not None:
         reasons = image_from_message(message)
