@@ -25,6 +25,8 @@ class Code(str, Enum):
     ESTIMATION = "estimation"
     IMAGE = "image"
     MESSAGE = "message"
+    # matching
+    MATCH_NOTHING_SEEN = "match.nothing_seen"
     # rectification
     RECTIFY_CALIBRATED_IN_AIR = "rectify.calibrated_in_air"
     RECTIFY_FLAT_SCENE = "rectify.flat_scene"
@@ -32,6 +34,11 @@ class Code(str, Enum):
     RECTIFY_INFINITY_VAGUE = "rectify.infinity_vague"
     RECTIFY_NO_BASELINE = "rectify.no_baseline"
     RECTIFY_ROWS_DISAGREE = "rectify.rows_disagree"
+    # parts of an image that show no scene
+    REGION_BORDER = "region.border"
+    REGION_DEAD = "region.dead"
+    REGION_FROZEN = "region.frozen"
+    REGION_NOISE = "region.noise"
 
     def __str__(self) -> str:
         """The name as it stands in files and on topics."""

@@ -12,7 +12,8 @@ from typing import Any
 from uw_recon_ros.catalogue import ALL_PARAMS, NODES
 from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.params import read_parameter_file, unknown_names
-from uw_recon_ros.preprocess.stage import Preprocess, PreprocessParams
+from uw_recon_ros.preprocess.sequence import PreprocessSequence
+from uw_recon_ros.preprocess.stage import PreprocessParams
 from uw_recon_ros.reconstruct.stage import Reconstruct, ReconstructParams
 from uw_recon_ros.rectify.stage import Rectify, RectifyParams
 from uw_recon_ros.rectify.tracker import RigTracker
@@ -99,20 +100,15 @@ class _Stopwatch:
 
 
 class Pipeline:
-    """All four stages, with the rig's rectification remembered from pair to pair.
+    """All four stages; the last pair, and the rig's rectification, are remembered from pair to pair.
 
     Parameters
     ----------
     params : PipelineParams
-
-    Attributes
-    ----------
-    preprocess : Preprocess
-        The first stage, for what can be shown of a pair that fails later.
     """
 
     def __init__(self, params: PipelineParams) -> None:
-        self.preprocess = Preprocess(params.preprocess)
+        self._preprocess = PreprocessSequence(params.preprocess)
         self._rig = RigTracker(params.rectify)
         self._rectify = Rectify(params.rectify)
         self._match = Match(params.match)
@@ -134,7 +130,7 @@ class Pipeline:
         """
         timed = _Stopwatch(announce)
         with timed("preprocess"):
-            enhanced = self.preprocess(pair)
+            enhanced = self._preprocess(pair)
         with timed("rectify"):
             rectified = self._rectify(enhanced, self._rig.update(enhanced))
         with timed("match"):

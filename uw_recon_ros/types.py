@@ -79,7 +79,7 @@ class Status(IntFlag):
     INCONSISTENT = 4  #: the two eyes disagree
     LOW_TEXTURE = 8  #: nothing to match
     OUT_OF_RANGE = 16  #: disparity or depth outside the given limits
-    UNSEEN = 32  #: outside the rectified image's valid region
+    UNSEEN = 32  #: outside the rectified image's valid region, or in a part of it that shows no scene
     FILTERED = 64  #: removed by the depth filter as an isolated speckle
 
 
@@ -246,9 +246,11 @@ class EnhancedPair:
     left, right : (H, W, 3) uint8
         RGB after the paper's nine steps: texture, tie points.
     left_matching, right_matching : (H, W) uint8
-        What the matcher sees, chosen by the `profile` parameter.
+        What the matcher sees, chosen by the `profile` parameter; 0 where nothing is seen, see `unseen`.
     stamp_ns, frame_id, calibration
         As in `StereoPair`.
+    findings : tuple of Finding
+        Parts of either image that show no scene.
     """
 
     left: ByteImage
@@ -258,6 +260,7 @@ class EnhancedPair:
     stamp_ns: int = 0
     frame_id: str = ""
     calibration: StereoCalibration | None = None
+    findings: tuple[Finding, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_recon_ros.errors import EstimationError
+from uw_recon_ros.findings import Code
 from uw_recon_ros.match.disparity_range import find_disparity_range
 from uw_recon_ros.match.kz2.matcher import kz2
 from uw_recon_ros.match.methods import EFFORTS, METHODS
@@ -19,11 +21,13 @@ from uw_recon_ros.match.status import explain
 from uw_recon_ros.match.window import paste, window_to_match
 from uw_recon_ros.params import Params, param
 from uw_recon_ros.types import ByteImage, DisparityMap, FloatImage, RectifiedPair, Status
+from uw_recon_ros.unseen import continued, unseen
 
 #: Standard deviation of a whole-pixel graph cut's disparity, px: rounding (0.29) and the stairs it makes of slanted
 #: surfaces; 0.37 to 0.56 on six scenes (``test/benchmark/reconstruct_defaults.py sigma --kz2``).
 WHOLE_PIXEL_SIGMA = 0.55
 T = TypeVar("T", bound=np.generic)
+_MOST_UNSEEN = 0.98  # of an image that is matched all the same
 _WIDEST = 16384  # px: labels are 16-bit integers
 
 
@@ -117,7 +121,8 @@ class Match:
         Raises
         ------
         EstimationError
-            No limits are given, and the images do not show them; or the views' valid windows share no rows.
+            An image shows nothing; no limits are given, and the images do not show them; or the views' valid windows
+            share no rows.
         """
         return self.follow(pair, None)[0]
 
@@ -140,7 +145,7 @@ class Match:
         vertical = pair.geometry.axis == "vertical"
         window = window_to_match(pair)
         shape = pair.left_matching.shape[:2]
-        left, right = (_along_rows(i[window.slices], vertical) for i in (pair.left_matching, pair.right_matching))
+        left, right = (_along_rows(image[window.slices], vertical) for image in _scenes(pair))
         low, high = self._limits(left, right)
         result = self._solve(left, right, low, high, before)
         nan = np.float32(np.nan)
@@ -204,6 +209,27 @@ class Match:
         )
         sigma = np.full(result.disparity.shape, WHOLE_PIXEL_SIGMA, np.float32)
         return _Solution(result.disparity, sigma, np.zeros(sigma.shape, np.uint8), float(result.energy))
+
+
+def _scenes(pair: RectifiedPair) -> list[ByteImage]:
+    """Left and right as they are matched: continued where they show nothing, so that no edge of that is matched.
+
+    Raises
+    ------
+    EstimationError
+        An image shows nothing, or next to nothing.
+    """
+    scenes = []
+    for name, image in (("left", pair.left_matching), ("right", pair.right_matching)):
+        hidden = unseen(image)
+        if hidden.mean() > _MOST_UNSEEN:
+            raise EstimationError(
+                f"{name} image: expected a scene on at least {1 - _MOST_UNSEEN:.0%} of its pixels, got "
+                f"{1 - hidden.mean():.1%}, the others show nothing: look at camera, cable and transfer",
+                Code.MATCH_NOTHING_SEEN,
+            )
+        scenes.append(continued(image, hidden))
+    return scenes
 
 
 def _processors() -> int:

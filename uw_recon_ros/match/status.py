@@ -6,11 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros.evaluate import fill_rows
-from uw_recon_ros.types import ByteImage, FloatImage, RectifiedPair, Status, Window
+from uw_recon_ros.types import ByteImage, FloatImage, Mask, RectifiedPair, Status, Window
+from uw_recon_ros.unseen import unseen
 
 
 def explain(disparity: FloatImage, min_disparity: int, max_disparity: int, pair: RectifiedPair) -> ByteImage:
-    """Status bits of a disparity map.
+    """Status bits of a disparity map; what either image does not show, see `unseen`, has none.
 
     Parameters
     ----------
@@ -24,34 +25,43 @@ def explain(disparity: FloatImage, min_disparity: int, max_disparity: int, pair:
     Returns
     -------
     (H, W) uint8
-        ``UNSEEN`` outside the left image's valid window. ``OUTSIDE`` where the match lies outside the other view's
-        valid window, or, where none was found, would lie there at the disparity of the surroundings. ``OCCLUDED``
-        elsewhere without a match. 0 where the disparity is good.
+        ``UNSEEN`` outside the left image's valid window, and where it shows nothing. ``OUTSIDE`` where the match lies
+        outside the other view's valid window, or where that shows nothing, or, where no match was found, would lie
+        there at the disparity of the surroundings. ``OCCLUDED`` elsewhere without a match. 0 where the disparity is
+        good.
     """
     vertical = pair.geometry.axis == "vertical"
     status = np.zeros(disparity.shape, np.uint8)
     unmatched = ~np.isfinite(disparity)
     expected = fill_rows(disparity.T).T if vertical else fill_rows(disparity)
     expected = np.clip(np.where(np.isfinite(expected), expected, min_disparity), min_disparity, max_disparity)
-    outside = ~_partner_seen(np.where(unmatched, expected, disparity), vertical, pair.valid_right)
+    hidden = unseen(pair.right_matching)
+    outside = ~_partner_seen(np.where(unmatched, expected, disparity), vertical, pair.valid_right, hidden)
     status[unmatched & ~outside] = Status.OCCLUDED
     status[outside] = Status.OUTSIDE
+    status[unseen(pair.left_matching)] = Status.UNSEEN
     if pair.valid_left is not None:
-        unseen = np.ones(disparity.shape, np.bool_)
-        unseen[pair.valid_left.slices] = False
-        status[unseen] = Status.UNSEEN
+        beyond = np.ones(disparity.shape, np.bool_)
+        beyond[pair.valid_left.slices] = False
+        status[beyond] = Status.UNSEEN
     return status
 
 
-def _partner_seen(disparity: NDArray[np.floating], vertical: bool, window: Window | None) -> NDArray[np.bool_]:
-    """Whether the partner lies in the right view's valid window."""
+def _partner_seen(
+    disparity: NDArray[np.floating], vertical: bool, window: Window | None, hidden: Mask
+) -> NDArray[np.bool_]:
+    """Whether the partner lies in the right view's valid window, and not where that shows nothing."""
     height, width = disparity.shape
     v, u = np.indices((height, width))
     partner_v, partner_u = (v - disparity, u) if vertical else (v, u - disparity)
     seen = window or Window(0, 0, width, height)
-    return np.asarray(
+    inside = (
         (partner_u >= seen.u)
         & (partner_u <= seen.u + seen.width - 1)
         & (partner_v >= seen.v)
         & (partner_v <= seen.v + seen.height - 1)
     )
+    if hidden.any():
+        at_v, at_u = (np.round(at).astype(np.intp) for at in (partner_v, partner_u))
+        inside &= ~hidden[at_v.clip(0, height - 1), at_u.clip(0, width - 1)]
+    return np.asarray(inside)

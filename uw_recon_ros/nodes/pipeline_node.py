@@ -13,7 +13,8 @@ from typing import Any
 from uw_recon_ros.match.stage import MatchParams
 from uw_recon_ros.node_params import CameraParams, DisparityMessageParams, RateParams
 from uw_recon_ros.nodes import disparity_node, point_cloud_node, preprocess_node, rectify_node
-from uw_recon_ros.preprocess.stage import Preprocess, PreprocessParams
+from uw_recon_ros.preprocess.sequence import PreprocessSequence
+from uw_recon_ros.preprocess.stage import PreprocessParams
 from uw_recon_ros.reconstruct.stage import Reconstruct, ReconstructParams
 from uw_recon_ros.rectify.stage import RectifyParams
 from uw_recon_ros.ros.assembly import Group
@@ -40,7 +41,7 @@ class Stages:
     """All four, with the parameters they were made of."""
 
     params: ParameterSet
-    preprocess: Preprocess
+    preprocess: PreprocessSequence
     rectify: rectify_node.RigRectifier
     match: NodeMatcher
     reconstruct: Reconstruct
@@ -60,7 +61,7 @@ class PipelineNode(StageNode[Stages]):
         keep_rig = before is not None and before.params[RectifyParams] == params[RectifyParams]
         return Stages(
             params,
-            Preprocess(params[PreprocessParams]),
+            PreprocessSequence(params[PreprocessParams]),
             before.rectify if before and keep_rig else rectify_node.RigRectifier.make(params[RectifyParams]),
             NodeMatcher(params[MatchParams], params[RateParams]),
             Reconstruct(params[ReconstructParams]),
@@ -81,6 +82,7 @@ class PipelineNode(StageNode[Stages]):
         rectify_node.report_calibration(self.diagnostics, group)
         raw = raw_pair(group, calibration_from_infos(group.get("left_info"), group.get("right_info")))
         enhanced = stage.preprocess(raw)
+        preprocess_node.report_regions(self.diagnostics, enhanced)
         preprocess_node.publish_enhanced(outputs, enhanced)
         if outputs.wanted(*_topics_from(1)):
             rectified = stage.rectify(enhanced)

@@ -4,7 +4,7 @@
 | --- | --- | --- |
 | `left/image_raw`, `right/image_raw` or `.../compressed` | Image / CompressedImage | in |
 | `left/image_enhanced`, `right/image_enhanced` | Image bgr8 | out: texture, tie points |
-| `left/image_matching`, `right/image_matching` | Image mono8 | out: what the matcher sees |
+| `left/image_matching`, `right/image_matching` | Image mono8 | out: what the matcher sees; 0 = nothing is seen |
 """
 
 from __future__ import annotations
@@ -15,9 +15,12 @@ from typing import Any
 
 from sensor_msgs.msg import CompressedImage, Image
 
+from uw_recon_ros.findings import Severity
 from uw_recon_ros.node_params import CameraParams
-from uw_recon_ros.preprocess.stage import Preprocess, PreprocessParams
+from uw_recon_ros.preprocess.sequence import PreprocessSequence
+from uw_recon_ros.preprocess.stage import PreprocessParams
 from uw_recon_ros.ros.assembly import Group
+from uw_recon_ros.ros.diagnostics import Diagnostics
 from uw_recon_ros.ros.main import run
 from uw_recon_ros.ros.messages import header, image_message
 from uw_recon_ros.ros.node import StageNode
@@ -50,7 +53,14 @@ def publish_enhanced(outputs: Outputs, pair: EnhancedPair) -> None:
     outputs.send("right/image_enhanced", lambda: image_message(pair.right, head))
 
 
-class PreprocessNode(StageNode[Preprocess]):
+def report_regions(diagnostics: Diagnostics, pair: EnhancedPair) -> None:
+    """Say which parts of either camera's image show no scene."""
+    severe = [str(finding) for finding in pair.findings if finding.severity >= Severity.WARN]
+    diagnostics.say(regions="; ".join(finding.text for finding in pair.findings) or None)
+    diagnostics.problem("regions", "; ".join(severe) or None)
+
+
+class PreprocessNode(StageNode[PreprocessSequence]):
     """Enhances pairs of raw images."""
 
     def __init__(self, **options: Any) -> None:
@@ -58,18 +68,19 @@ class PreprocessNode(StageNode[Preprocess]):
             "preprocess_node", classes=(CameraParams, PreprocessParams), inputs=CAMERAS, outputs=OUTPUTS, **options
         )
 
-    def build(self, params: ParameterSet) -> Preprocess:
+    def build(self, params: ParameterSet) -> PreprocessSequence:
         """Make the stage."""
-        return Preprocess(params[PreprocessParams])
+        return PreprocessSequence(params[PreprocessParams])
 
     def adapt_inputs(self, params: ParameterSet) -> None:
         """Take the image transport and the rate that are asked for."""
         self.inputs.accepts = camera_filter(params[CameraParams])
         self.inputs.pace.limit_hz = params[CameraParams].max_rate_hz
 
-    def work(self, stage: Preprocess, group: Group, outputs: Outputs) -> int:
+    def work(self, stage: PreprocessSequence, group: Group, outputs: Outputs) -> int:
         """Enhance one pair."""
         pair = stage(raw_pair(group))
+        report_regions(self.diagnostics, pair)
         publish_enhanced(outputs, pair)
         return pair.stamp_ns
 

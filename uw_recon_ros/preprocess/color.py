@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros.preprocess.arrays import FloatArray, checked_float, checked_number
+from uw_recon_ros.types import Mask
 
 _KR, _KB = 0.299, 0.114  # BT.601
 _DARKEST = 1.0 / 255.0  # luminance under which a ratio of luminances means nothing
@@ -100,7 +101,9 @@ def replace_luminance(ycbcr: FloatArray, luminance: FloatArray, *, chroma_follow
     return replaced
 
 
-def equalizing_gains(images: Sequence[FloatArray], *, max_gain: float = 8.0) -> NDArray[np.float64]:
+def equalizing_gains(
+    images: Sequence[FloatArray], *, max_gain: float = 8.0, masks: Sequence[Mask] = ()
+) -> NDArray[np.float64]:
     """Gains that give all channels one mean over all images, after clipping to [0, 1] (paper, step 9).
 
     Parameters
@@ -109,6 +112,8 @@ def equalizing_gains(images: Sequence[FloatArray], *, max_gain: float = 8.0) -> 
         Both eyes, RGB; clipped to [0, inf) first.
     max_gain : float
         A channel that needs more, as red far down, is brightened that much and stays behind.
+    masks : sequence of (H, W) bool
+        What does not count in each image, where anything else is left.
 
     Returns
     -------
@@ -124,17 +129,21 @@ def equalizing_gains(images: Sequence[FloatArray], *, max_gain: float = 8.0) -> 
         raise ValueError("images: expected at least one, got none")
     checked_number("max_gain", max_gain, 1.0, np.inf)
     checked = [checked_float("images", image, shape="(H, W, 3)") for image in images]
-    shares = [_histogram(checked, channel) for channel in range(3)]
+    nothing = all(mask.all() for mask in masks)  # also where there are no masks
+    counted = [None] * len(checked) if nothing else [(~mask).astype(np.uint8) for mask in masks]
+    shares = [_histogram(checked, channel, counted) for channel in range(3)]
     target = float(np.mean([np.sum(share * np.minimum(_VALUES, 1.0)) for share in shares]))
     return np.array([min(_gain(share, target), max_gain) for share in shares])
 
 
-def _histogram(images: Sequence[FloatArray], channel: int) -> NDArray[np.float64]:
+def _histogram(
+    images: Sequence[FloatArray], channel: int, counted: Sequence[NDArray[np.uint8] | None]
+) -> NDArray[np.float64]:
     """Share of the pixels at each of `_VALUES`, all images together."""
     counts = np.zeros(_BINS)
-    for image in images:
+    for image, where in zip(images, counted, strict=True):
         level = np.clip(image[..., channel] * image.dtype.type(_BINS / _RANGE), 0, _BINS - 1).astype(np.uint16)
-        counts += cv2.calcHist([level], [0], None, [_BINS], [0, _BINS]).ravel()
+        counts += cv2.calcHist([level], [0], where, [_BINS], [0, _BINS]).ravel()
     share: NDArray[np.float64] = counts / counts.sum()
     return share
 

@@ -28,7 +28,9 @@ from uw_recon_ros.preprocess.homomorphic import homomorphic_filter
 from uw_recon_ros.preprocess.intensity import intensity_bounds, joint_percentiles, stretch
 from uw_recon_ros.preprocess.matching import channel_weights, denoise_evenly, excess_sigma, weighted_gray
 from uw_recon_ros.preprocess.moire import remove_moire
-from uw_recon_ros.types import ByteImage, EnhancedPair, FloatImage, StereoPair
+from uw_recon_ros.preprocess.regions import Regions, find_regions
+from uw_recon_ros.types import ByteImage, EnhancedPair, FloatImage, Mask, StereoPair
+from uw_recon_ros.unseen import blackened, continued, mark_unseen
 
 Eyes = tuple[FloatImage, FloatImage]
 
@@ -94,13 +96,15 @@ class Preprocess:
 
     params: PreprocessParams = field(default_factory=PreprocessParams)
 
-    def __call__(self, pair: StereoPair) -> EnhancedPair:
-        """Enhance a pair.
+    def __call__(self, pair: StereoPair, regions: Regions | None = None) -> EnhancedPair:
+        """Enhance a pair; what it does not show takes no part, and is black in all four images.
 
         Parameters
         ----------
         pair : StereoPair
             uint8 or uint16, mono or RGB; both eyes of one shape and dtype.
+        regions : Regions or None
+            What either image does not show, as `RegionWatch` found it; None: found in this pair alone.
 
         Returns
         -------
@@ -115,26 +119,32 @@ class Preprocess:
             Neither uint8 nor uint16.
         """
         raw = checked_eyes(pair)
+        regions = regions or find_regions(pair)
+        masks = regions.masks
         with TwoThreads() as both:
-            unit = both(partial(unit_from_raw, full_scale=full_scale(raw, self.params.sensor_bits)), raw)
+            scene = both(partial(unit_from_raw, full_scale=full_scale(raw, self.params.sensor_bits)), raw)
+            unit = both(continued, scene, masks)
             clean = both(self._without_moire, unit)
-            filtered = self._filtered_luminance(both, both(luminance, clean))
-            left, right = both(_bytes, self._recolored(both, clean, filtered))
-            left_matching, right_matching = both(_bytes, self._to_match(both, unit, clean, filtered))
-        return EnhancedPair(left, right, left_matching, right_matching, pair.stamp_ns, pair.frame_id, pair.calibration)
+            filtered = self._filtered_luminance(both, both(luminance, clean), masks)
+            left, right = both(blackened, both(_bytes, self._recolored(both, clean, filtered, masks)), masks)
+            to_match = both(_bytes, self._to_match(both, unit, clean, filtered))
+            left_matching, right_matching = both(mark_unseen, to_match, masks)
+        return EnhancedPair(
+            left, right, left_matching, right_matching, pair.stamp_ns, pair.frame_id, pair.calibration, regions.findings
+        )
 
     def _without_moire(self, image: FloatImage) -> FloatImage:
         """Step 1."""
         return remove_moire(image, prominence_db=self.params.moire_prominence) if self.params.moire_removal else image
 
-    def _filtered_luminance(self, both: TwoThreads, eyes: Eyes) -> Eyes:
+    def _filtered_luminance(self, both: TwoThreads, eyes: Eyes, masks: tuple[Mask, Mask]) -> Eyes:
         """Steps 2 and 4 to 7, and the crop of step 8."""
         height, width = eyes[0].shape
         extended = both(extend_symmetric, eyes)
         even = both(partial(self._homomorphic, longer_side=max(height, width)), extended)
-        smooth = both(self._diffused, self._in_unit_range(self._denoised(both, even), height, width))
+        smooth = both(self._diffused, self._in_unit_range(self._denoised(both, even), masks))
         cropped = both(partial(crop_extension, height=height, width=width), smooth)
-        return both(partial(stretch, bounds=intensity_bounds(cropped, self.params.intensity_clip)), cropped)
+        return both(partial(stretch, bounds=intensity_bounds(cropped, self.params.intensity_clip, masks)), cropped)
 
     def _homomorphic(self, extended: FloatImage, longer_side: int) -> FloatImage:
         """Step 4."""
@@ -153,10 +163,10 @@ class Preprocess:
         sigma = self.params.wavelet_strength * wavelet.noise_sigma(pyramids)
         return both(wavelet.reconstruct, both(partial(wavelet.shrink, sigma=sigma), pyramids))
 
-    def _in_unit_range(self, eyes: Eyes, height: int, width: int) -> Eyes:
+    def _in_unit_range(self, eyes: Eyes, masks: tuple[Mask, Mask]) -> Eyes:
         """Luminance as step 6 wants it: 1 where step 7 will saturate."""
-        cropped = [crop_extension(eye, height, width) for eye in eyes]
-        white = joint_percentiles(cropped, [100.0 - self.params.intensity_clip])[0]
+        cropped = [crop_extension(eye, *mask.shape) for eye, mask in zip(eyes, masks, strict=True)]
+        white = joint_percentiles(cropped, [100.0 - self.params.intensity_clip], masks)[0]
         factor = np.float32(1.0 / white if white > 0 else 1.0)
         return eyes[0] * factor, eyes[1] * factor
 
@@ -169,7 +179,7 @@ class Preprocess:
             extended, contrast=p.diffusion_contrast, rate=p.diffusion_rate, iterations=p.diffusion_iterations
         )
 
-    def _recolored(self, both: TwoThreads, clean: Eyes, filtered: Eyes) -> Eyes:
+    def _recolored(self, both: TwoThreads, clean: Eyes, filtered: Eyes, masks: tuple[Mask, Mask]) -> Eyes:
         """Steps 3, 8 and 9; a mono image becomes gray RGB."""
         if clean[0].ndim == 2:
             return both(_gray_rgb, filtered)
@@ -177,7 +187,7 @@ class Preprocess:
         colored = both(recolor, clean, filtered)
         if not self.params.color_equalization:
             return colored
-        gains = equalizing_gains(colored, max_gain=self.params.color_gain_limit)
+        gains = equalizing_gains(colored, max_gain=self.params.color_gain_limit, masks=masks)
         return both(partial(apply_gains, gains=gains), colored)
 
     def _to_match(self, both: TwoThreads, unit: Eyes, clean: Eyes, filtered: Eyes) -> Eyes:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros.rectify.params import RectifyParams
-from uw_recon_ros.types import ByteImage, FloatImage, Matrix
+from uw_recon_ros.types import ByteImage, FloatImage, Mask, Matrix
 
 _CELLS = 8  # the image is divided into 8 x 8 parts that share the features evenly
 _CHUNK = 256  # rows of the similarity matrix held at a time
@@ -51,7 +51,7 @@ def spread(points: Matrix, priority: Matrix, count: int, width: int, height: int
     return np.sort(np.lexsort((position, ranks))[:count])
 
 
-def find_features(gray: ByteImage, params: RectifyParams) -> tuple[Matrix, FloatImage]:
+def find_features(gray: ByteImage, params: RectifyParams, hidden: Mask | None = None) -> tuple[Matrix, FloatImage]:
     """SIFT key points and RootSIFT descriptors (Arandjelovic and Zisserman 2012), spread over the image.
 
     Parameters
@@ -59,6 +59,8 @@ def find_features(gray: ByteImage, params: RectifyParams) -> tuple[Matrix, Float
     gray : (H, W) uint8
     params : RectifyParams
         ``tie_contrast``, ``tie_features``.
+    hidden : (H, W) bool or None
+        Where the image shows nothing: no feature lies there.
 
     Returns
     -------
@@ -66,7 +68,8 @@ def find_features(gray: ByteImage, params: RectifyParams) -> tuple[Matrix, Float
         px; rows of length 1.
     """
     sift = cv2.SIFT.create(contrastThreshold=params.tie_contrast)
-    found = sift.detect(gray, None)
+    seen = None if hidden is None or not hidden.any() else (~hidden).astype(np.uint8)
+    found = sift.detect(gray, seen)
     if not found:
         return np.zeros((0, 2)), np.zeros((0, 128), np.float32)
     points = np.array([k.pt for k in found], np.float64)

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from uw_recon_ros.errors import ImageError
 from uw_recon_ros.rectify.params import RectifyParams
 from uw_recon_ros.rectify.rectification import Rectification
-from uw_recon_ros.rectify.warp import warp_image
+from uw_recon_ros.rectify.warp import warp_image, warp_unseen
 from uw_recon_ros.types import ByteImage, EnhancedPair, FloatImage, RectifiedPair, named_frame
+from uw_recon_ros.unseen import blackened, mark_unseen, unseen
 
 __all__ = ["Rectify", "RectifyParams"]
 
@@ -44,11 +45,13 @@ class Rectify:
             An image is of another size than the rectification was made for.
         """
         _check_sizes(pair, rectification)
+        left, left_matching = self._warped(pair.left, pair.left_matching, rectification.left_map)
+        right, right_matching = self._warped(pair.right, pair.right_matching, rectification.right_map)
         return RectifiedPair(
-            left=self._warped(pair.left, rectification.left_map),
-            right=self._warped(pair.right, rectification.right_map),
-            left_matching=self._warped(pair.left_matching, rectification.left_map),
-            right_matching=self._warped(pair.right_matching, rectification.right_map),
+            left=left,
+            right=right,
+            left_matching=left_matching,
+            right_matching=right_matching,
             geometry=rectification.geometry,
             quality=rectification.quality,
             valid_left=rectification.valid_left,
@@ -57,10 +60,17 @@ class Rectify:
             frame_id=named_frame(pair.frame_id, self.params.image_frame),
         )
 
-    def _warped(self, image: ByteImage, raw_from_rect: FloatImage | None) -> ByteImage:
+    def _warped(
+        self, shown: ByteImage, matching: ByteImage, raw_from_rect: FloatImage | None
+    ) -> tuple[ByteImage, ByteImage]:
+        """Both images of a camera; what the raw image does not show stays black."""
         if raw_from_rect is None:
-            return image
-        return warp_image(image, raw_from_rect, self.params.rectify_interpolation)
+            return shown, matching
+        hidden = warp_unseen(unseen(matching), raw_from_rect)
+        shown, matching = (
+            warp_image(image, raw_from_rect, self.params.rectify_interpolation) for image in (shown, matching)
+        )
+        return blackened(shown, hidden), mark_unseen(matching, hidden)
 
 
 def _check_sizes(pair: EnhancedPair, rectification: Rectification) -> None:

@@ -14,7 +14,8 @@ from uw_recon_ros.images import to_gray
 from uw_recon_ros.rectify.features import find_features, mutual_matches, spread
 from uw_recon_ros.rectify.fundamental import robust_inliers
 from uw_recon_ros.rectify.params import RectifyParams
-from uw_recon_ros.types import ByteImage, EnhancedPair, Matrix
+from uw_recon_ros.types import ByteImage, EnhancedPair, Mask, Matrix
+from uw_recon_ros.unseen import continued, unseen, with_margin
 
 _TAIL = 0.05
 _MARGIN_PX = 20.0
@@ -56,13 +57,20 @@ class TiePoints:
         return TiePoints(self.left[:, ::-1], self.right[:, ::-1], self.height, self.width)
 
 
-def _reduced(image: ByteImage, longest_side: int) -> tuple[ByteImage, float]:
-    gray = to_gray(image)
+def _reduced(gray: ByteImage, longest_side: int) -> tuple[ByteImage, float]:
     scale = longest_side / max(gray.shape)
     if scale >= 1:
         return np.ascontiguousarray(gray), 1.0
     size = tuple(max(1, round(side * scale)) for side in gray.shape[::-1])
     return np.asarray(cv2.resize(gray, size, interpolation=cv2.INTER_AREA), np.uint8), scale
+
+
+def _reduced_mask(hidden: Mask, reduced: ByteImage) -> Mask:
+    """A mask, with its margin, in the size of a reduced image."""
+    if not hidden.any():
+        return np.zeros(reduced.shape, np.bool_)
+    share = cv2.resize(hidden.astype(np.float32), reduced.shape[::-1], interpolation=cv2.INTER_AREA)
+    return with_margin(np.asarray(share > 0))
 
 
 def to_full_size(points: Matrix, reduced: ByteImage, full: ByteImage) -> Matrix:
@@ -95,10 +103,11 @@ def find_tie_points(pair: EnhancedPair, params: RectifyParams, *, longest_side: 
         The images show too little texture, or not the same scene; with the counts.
     """
     side = longest_side or params.tie_image_side
-    (left, scale), (right, _) = _reduced(pair.left, side), _reduced(pair.right, side)
-    (points_left, descriptors_left), (points_right, descriptors_right) = (
-        find_features(g, params) for g in (left, right)
-    )
+    hidden_left, hidden_right = unseen(pair.left_matching), unseen(pair.right_matching)
+    left, scale = _reduced(continued(to_gray(pair.left), hidden_left), side)
+    right, _ = _reduced(continued(to_gray(pair.right), hidden_right), side)
+    points_left, descriptors_left = find_features(left, params, _reduced_mask(hidden_left, left))
+    points_right, descriptors_right = find_features(right, params, _reduced_mask(hidden_right, right))
     if min(len(points_left), len(points_right)) < params.tie_points_min:
         raise EstimationError(
             f"tie points: expected at least {params.tie_points_min} features an eye, got {len(points_left)} left and "

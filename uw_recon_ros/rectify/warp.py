@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.rectify.views import View
 from uw_recon_ros.types import ByteImage, FloatImage, Mask, Matrix, Window
+from uw_recon_ros.unseen import blackened, with_margin
 
 _INTERPOLATION = {"linear": cv2.INTER_LINEAR, "cubic": cv2.INTER_CUBIC, "lanczos": cv2.INTER_LANCZOS4}
 Columns = NDArray[np.int64]
@@ -126,10 +127,34 @@ def warp_image(image: ByteImage, raw_from_rect: FloatImage, interpolation: str) 
     warped = np.asarray(
         cv2.remap(image, u, v, _INTERPOLATION[interpolation], borderMode=cv2.BORDER_REPLICATE), np.uint8
     )
-    outside = (raw_from_rect < -0.5) | (raw_from_rect > np.array([width - 0.5, height - 0.5], np.float32))
-    if outside.any():
-        warped[outside.any(axis=2)] = 0
-    return warped
+    return blackened(warped, _outside(raw_from_rect, height, width))
+
+
+def _outside(raw_from_rect: FloatImage, height: int, width: int) -> Mask:
+    beyond = (raw_from_rect < -0.5) | (raw_from_rect > np.array([width - 0.5, height - 0.5], np.float32))
+    return np.asarray(beyond[..., 0] | beyond[..., 1])
+
+
+def warp_unseen(mask: Mask, raw_from_rect: FloatImage) -> Mask:
+    """Where a rectified image shows nothing, (h, w) bool.
+
+    Parameters
+    ----------
+    mask : (H, W) bool
+        Where the raw image shows nothing.
+    raw_from_rect : (h, w, 2) float32
+
+    Returns
+    -------
+    (h, w) bool
+        Outside the raw image, and what is interpolated from masked pixels, with a margin.
+    """
+    outside = _outside(raw_from_rect, *mask.shape)
+    if not mask.any():
+        return outside
+    u, v = raw_from_rect[..., 0], raw_from_rect[..., 1]
+    share = cv2.remap(mask.astype(np.float32), u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return with_margin(np.asarray(share > 0)) | outside
 
 
 def swapped_map(raw_from_rect: FloatImage) -> FloatImage:
