@@ -76,3 +76,8 @@ class Finding:
 def worst(findings: tuple[Finding, ...]) -> Severity:
     """The severity of the worst of them; OK where there is none."""
     return max((finding.severity for finding in findings), default=Severity.OK)
+
+
+def severe(findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
+    """Those that somebody should be told of: warnings and worse."""
+    return tuple(finding for finding in findings if finding.severity >= Severity.WARN)

@@ -14,7 +14,7 @@ import numpy as np
 from uw_recon_ros.calibration import read_calibration
 from uw_recon_ros.errors import ImageError, ReconError
 from uw_recon_ros.evaluate import write_pfm
-from uw_recon_ros.findings import Finding, Severity
+from uw_recon_ros.findings import severe
 from uw_recon_ros.images import read_image, write_bytes, write_image
 from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.pipeline import Pipeline, PipelineParams, Result
@@ -58,7 +58,7 @@ def _report(result: Result) -> Report:
             "row_error_p95_px": _finite(quality.row_error_p95_px),
             "inliers": quality.inliers,
             "refused": None,
-            "warnings": [str(finding) for finding in (*_severe(result.enhanced.findings), *quality.warnings)],
+            "warnings": [str(finding) for finding in severe(result.enhanced.findings) + quality.warnings],
         },
         "matching": {
             "method": disparity.method,
@@ -71,10 +71,6 @@ def _report(result: Result) -> Report:
         "scale": "metric" if disparity.geometry.metric else "unknown",
         "stages_seconds": result.stages_seconds,
     }
-
-
-def _severe(findings: tuple[Finding, ...]) -> list[Finding]:
-    return [finding for finding in findings if finding.severity >= Severity.WARN]
 
 
 def _refusal(error: ReconError) -> Report:

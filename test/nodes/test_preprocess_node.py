@@ -322,3 +322,28 @@ def test_stamps_that_jump_back_do_not_stop_the_node(bench: Bench) -> None:
     for number, stamp in enumerate((100, 101, 1, 2), start=1):
         cameras.send(stamp * SECOND)
         bench.spin_until(lambda number=number: len(heard) == number)
+
+
+def test_half_a_camera_is_masked_and_reported_by_name(bench: Bench) -> None:
+    """And the memory of the frame before is the node's: what stands still in one camera alone is frozen."""
+    bench.start(PreprocessNode)
+    heard, said = bench.listen(Image, "right/image_matching"), bench.listen(DiagnosticArray, "/diagnostics")
+    cameras = Cameras(bench)
+    bench.connected(cameras.left, cameras.right)
+    half = RIGHT.copy()
+    half[24:] = 0
+    cameras.send(SECOND, right=half)
+    bench.spin_until(lambda: heard)
+    assert not array(heard[0])[24:].any()
+    assert array(heard[0])[:20].all()
+    bench.spin_until(lambda: said and "right camera" in report(said).get("regions", ""))
+    assert said[-1].status[0].level == DiagnosticStatus.WARN
+    right = texture(48, 64, 5)
+    cameras.send(2 * SECOND, texture(48, 64, 3), right)
+    bench.spin_until(lambda: len(heard) == 2)
+    assert array(heard[1]).all()
+    bench.spin_until(lambda: "regions" not in report(said))
+    cameras.send(3 * SECOND, texture(48, 64, 4), right)
+    bench.spin_until(lambda: len(heard) == 3)
+    assert not array(heard[2]).any()
+    bench.spin_until(lambda: "frame before" in report(said).get("regions", ""))

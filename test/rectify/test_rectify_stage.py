@@ -14,6 +14,7 @@ from uw_recon_ros.rectify import (
     rectification_from_calibration,
 )
 from uw_recon_ros.rectify.tie_points import find_tie_points
+from uw_recon_ros.unseen import mark_unseen, unseen
 
 RIG = make_rig(angles_deg=(1.0, -1.5, 2.0))
 PARAMS = RectifyParams()
@@ -87,3 +88,23 @@ def test_another_size_is_refused(pair):
     wrong = replace(pair, right_matching=pair.right_matching[:100])
     with pytest.raises(ImageError, match="right_matching image: expected 640x480 px as rectified before, got 640x100"):
         Rectify(PARAMS)(wrong, found)
+
+
+def test_what_the_raw_images_do_not_show_stays_unseen(pair, rectified):
+    """Each rectified pixel that is interpolated from a masked one is masked, and little else."""
+    mask = np.zeros(pair.left.shape[:2], bool)
+    mask[200:, 100:300] = True
+    pair = replace(pair, left_matching=pair.left_matching.clip(1))
+    masked = replace(pair, left_matching=mark_unseen(pair.left_matching, mask))
+    found = estimate_rectification(tie_points(RIG), PARAMS)
+    out = Rectify(PARAMS)(masked, found)
+    hidden = unseen(out.left_matching)
+    at = np.round(found.left_map).astype(int)
+    shown = cv2.remap(mask.astype(np.float32), found.left_map[..., 0], found.left_map[..., 1], cv2.INTER_LINEAR)
+    assert hidden[shown > 0].all()
+    assert (
+        mask[at[..., 1].clip(0, mask.shape[0] - 1), at[..., 0].clip(0, mask.shape[1] - 1)].mean() > 0.8 * hidden.mean()
+    )
+    assert not out.left[hidden].any()
+    np.testing.assert_array_equal(out.left_matching[~hidden], Rectify(PARAMS)(pair, found).left_matching[~hidden])
+    assert not unseen(out.right_matching).any()

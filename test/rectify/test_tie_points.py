@@ -5,10 +5,13 @@ import pytest
 from rig_scenes import enhanced, make_rig, render
 
 from uw_recon_ros.errors import EstimationError
+from uw_recon_ros.preprocess.stage import Preprocess
 from uw_recon_ros.rectify import RectifyParams, TiePoints, find_tie_points
 from uw_recon_ros.rectify.features import mutual_matches, spread
 from uw_recon_ros.rectify.sampson import sampson_distance
 from uw_recon_ros.rectify.tie_points import gathered, thinned, to_full_size
+from uw_recon_ros.types import StereoPair
+from uw_recon_ros.unseen import with_margin
 
 RIG = make_rig(angles_deg=(1.0, -1.5, 2.0))
 PARAMS = RectifyParams()
@@ -139,3 +142,22 @@ def test_shapes_are_checked():
         TiePoints(np.zeros((3, 2)), np.zeros((4, 2)), 640, 480)
     with pytest.raises(ValueError, match="width, height"):
         TiePoints(np.zeros((3, 2)), np.zeros((3, 2)), 0, 480)
+
+
+def bordered(images, width=16):
+    frame = np.ones(images[0].shape[:2], bool)
+    frame[width:-width, width:-width] = False
+    return frame, tuple(np.where(frame[..., None], np.uint8(0), image) for image in images)
+
+
+def test_a_black_border_costs_no_more_than_what_it_hides(images, found):
+    """Nor do the features of its edges, which both images have at the same place, tie anything."""
+    frame, black = bordered(images)
+    within = find_tie_points(Preprocess()(StereoPair(*black)), PARAMS)
+    good = find_tie_points(Preprocess()(StereoPair(*images)), PARAMS)
+    inside = (~frame[tuple(np.round(good.left).astype(int).T[::-1])]).sum()
+    assert len(within) > 0.85 * inside
+    hidden = with_margin(frame)
+    for points in (within.left, within.right):
+        assert not hidden[tuple(np.round(points).astype(int).T[::-1])].any()
+    assert np.median(np.abs(distances(within))) < 1.2 * np.median(np.abs(distances(good))) + 0.01

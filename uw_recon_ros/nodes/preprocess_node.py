@@ -15,7 +15,7 @@ from typing import Any
 
 from sensor_msgs.msg import CompressedImage, Image
 
-from uw_recon_ros.findings import Severity
+from uw_recon_ros.findings import severe
 from uw_recon_ros.node_params import CameraParams
 from uw_recon_ros.preprocess.sequence import PreprocessSequence
 from uw_recon_ros.preprocess.stage import PreprocessParams
@@ -55,9 +55,8 @@ def publish_enhanced(outputs: Outputs, pair: EnhancedPair) -> None:
 
 def report_regions(diagnostics: Diagnostics, pair: EnhancedPair) -> None:
     """Say which parts of either camera's image show no scene."""
-    severe = [str(finding) for finding in pair.findings if finding.severity >= Severity.WARN]
     diagnostics.say(regions="; ".join(finding.text for finding in pair.findings) or None)
-    diagnostics.problem("regions", "; ".join(severe) or None)
+    diagnostics.problem("regions", "; ".join(map(str, severe(pair.findings))) or None)
 
 
 class PreprocessNode(StageNode[PreprocessSequence]):

@@ -2,7 +2,7 @@
 
 Looked for on the raw images, in blocks of 8 x 8 px, since what is lost is exact where a scene never is: a sensor's
 noise changes every row and column of the emptiest water. A camera is held against the other one: what both do not
-tell is the scene's (mud, open water), and left to the matcher. So is glare, up to a part of the image that no lamp fills.
+tell is the scene's (mud, open water), and left to the matcher. So is glare on less of the image than a lamp can fill.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _RING_SHARE = 0.04  # of an image's outermost pixels that must have one value fo
 _GLARE = 0.3  # of an image
 _BORDER_SMALLEST = 0.002  # of an image, connected
 _BORDER_TOLERANCE = 2  # gray levels of 8 bits: what compression makes of a constant
-_BORDER_NOISE = 0.1  # most mean difference of neighbours in a border, digits
+_BORDER_NOISE = 0.2  # most mean difference of neighbours in a border, digits
 _BORDER_COLORS = 3  # at most so many values are looked for
 _NEARLY_ALL = 0.95  # of an image: then it is blank, and has no border
 _HOLE = 0.02  # of an image: what a border encloses up to this size belongs to it: letters
@@ -272,7 +272,7 @@ def _without_noise(ring: NDArray[np.int64], value: int, bytes_: bool) -> bool:
 def _connected(gray: Gray, value: int) -> Mask:
     """Pixels of about a value that hang together with the image's edge, if they are as even as no scene is."""
     tolerance = _BORDER_TOLERANCE if gray.dtype == np.uint8 else 0
-    alike = cv2.inRange(gray, max(value - tolerance, 0), value + tolerance)
+    alike = _without_threads(cv2.inRange(gray, max(value - tolerance, 0), value + tolerance))
     count, labels, stats, _ = cv2.connectedComponentsWithStats(alike, connectivity=4)
     kept = np.zeros(count, np.bool_)
     kept[np.unique(_ring(labels))] = True
@@ -283,6 +283,13 @@ def _connected(gray: Gray, value: int) -> Mask:
     return np.asarray(kept[labels])
 
 
+def _without_threads(alike: NDArray[Any]) -> NDArray[Any]:
+    """Without what is thinner than 3 px, beyond the image's edge it goes on: pixels of the scene that happen to fit."""
+    framed = cv2.copyMakeBorder(alike, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
+    opened = cv2.morphologyEx(framed, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    return np.ascontiguousarray(opened[1:-1, 1:-1])
+
+
 def _unevenness(gray: Gray, part: Mask) -> float:
     """Mean difference of neighbours along rows within a part, digits."""
     both = part[:, 1:] & part[:, :-1]
@@ -290,8 +297,11 @@ def _unevenness(gray: Gray, part: Mask) -> float:
 
 
 def _without_holes(border: Mask) -> Mask:
-    """With the small things that it encloses."""
-    count, labels = cv2.connectedComponents((~border).astype(np.uint8), connectivity=8)
+    """With the small things that it encloses, gaps as wide as a block of a JPEG closed."""
+    width = BLOCK + 1
+    framed = cv2.copyMakeBorder(border.astype(np.uint8), width, width, width, width, cv2.BORDER_REPLICATE)
+    closed = cv2.morphologyEx(framed, cv2.MORPH_CLOSE, np.ones((width, width), np.uint8))[width:-width, width:-width]
+    count, labels = cv2.connectedComponents(1 - closed, connectivity=4)
     areas = np.bincount(labels.ravel(), minlength=count)
     small = areas < _HOLE * border.size
     small[0] = True

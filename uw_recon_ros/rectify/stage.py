@@ -9,7 +9,7 @@ from uw_recon_ros.rectify.params import RectifyParams
 from uw_recon_ros.rectify.rectification import Rectification
 from uw_recon_ros.rectify.warp import warp_image, warp_unseen
 from uw_recon_ros.types import ByteImage, EnhancedPair, FloatImage, RectifiedPair, named_frame
-from uw_recon_ros.unseen import blackened, mark_unseen, unseen
+from uw_recon_ros.unseen import blackened, continued, mark_unseen, unseen
 
 __all__ = ["Rectify", "RectifyParams"]
 
@@ -66,9 +66,11 @@ class Rectify:
         """Both images of a camera; what the raw image does not show stays black."""
         if raw_from_rect is None:
             return shown, matching
-        hidden = warp_unseen(unseen(matching), raw_from_rect)
+        missing = unseen(matching)
+        hidden = warp_unseen(missing, raw_from_rect)
         shown, matching = (
-            warp_image(image, raw_from_rect, self.params.rectify_interpolation) for image in (shown, matching)
+            warp_image(continued(image, missing), raw_from_rect, self.params.rectify_interpolation)
+            for image in (shown, matching)
         )
         return blackened(shown, hidden), mark_unseen(matching, hidden)
 

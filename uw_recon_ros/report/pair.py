@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from uw_recon_ros.findings import severe
 from uw_recon_ros.report.colors import ColorBar, colorize, reasons_in, robust_limits
 from uw_recon_ros.report.figures import (
     as_byte_rgb,
@@ -80,11 +81,12 @@ def write_pair_page(
         _numbers(depth, surface, seconds),
         *more,
     ]
-    summary = _summary(rectified, disparity, depth, truth, seconds, lead)
+    summary = _summary(enhanced, rectified, disparity, depth, truth, seconds, lead)
     write_page(path, title, summary, sections, surface)
 
 
 def _summary(
+    enhanced: EnhancedPair,
     rectified: RectifiedPair,
     disparity: DisparityMap,
     depth: DepthMap,
@@ -105,7 +107,7 @@ def _summary(
     if seconds:
         facts.append(("Time", f"{sum(seconds.values()):.2f} s"))
     words = lead or f"A {depth.geometry.axis} rig, {width} x {height} pixels after rectification."
-    return Summary(words, facts, _warnings(rectified, depth))
+    return Summary(words, facts, _warnings(enhanced, rectified, depth))
 
 
 def _median_depth(depth: DepthMap) -> str:
@@ -113,12 +115,13 @@ def _median_depth(depth: DepthMap) -> str:
     return measured(float(np.median(finite)), depth_unit(depth)) if finite.size else "unknown"
 
 
-def _warnings(rectified: RectifiedPair, depth: DepthMap) -> tuple[str, ...]:
+def _warnings(enhanced: EnhancedPair, rectified: RectifiedPair, depth: DepthMap) -> tuple[str, ...]:
     unknown = (
         "The scale is not known: without a calibration, or a baseline and an in-water focal length, the shape is shown "
         "in units of the rig's baseline, under an assumed focal length. Nothing on this page is in metres."
     )
-    return tuple(map(str, rectified.quality.warnings)) + (() if depth.geometry.metric else (unknown,))
+    said = severe(enhanced.findings) + rectified.quality.warnings
+    return tuple(map(str, said)) + (() if depth.geometry.metric else (unknown,))
 
 
 def _enhancement(raw: StereoPair, enhanced: EnhancedPair) -> Section:
