@@ -19,7 +19,7 @@ from uw_recon_ros.pipeline import PipelineParams, read_values
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "uw_recon_ros"
 NOUNS = {"", "types", "params", "errors", "images", "image_header", "calibration", "pairing", "jit", "progress"}
-NOUNS |= {"evaluate", "signals", "findings", "unseen"}
+NOUNS |= {"evaluate", "signals", "findings", "unseen", "trajectory"}
 STAGE_ROOMS = {"preprocess", "rectify", "match", "reconstruct"}
 NODE_PARAMS = {"node_params", "catalogue"}
 OFFLINE = NOUNS | STAGE_ROOMS | NODE_PARAMS | {"pipeline"}

@@ -57,3 +57,9 @@ class BagError(ReconError):
     """A bag cannot be read or written, or does not hold what was asked of it."""
 
     default_code = Code.BAG
+
+
+class TrajectoryError(ReconError):
+    """A trajectory cannot be read, or cannot be compared with another."""
+
+    default_code = Code.TRAJECTORY

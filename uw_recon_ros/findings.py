@@ -25,6 +25,7 @@ class Code(str, Enum):
     ESTIMATION = "estimation"
     IMAGE = "image"
     MESSAGE = "message"
+    TRAJECTORY = "trajectory"
     # matching
     MATCH_NOTHING_SEEN = "match.nothing_seen"
     # rectification
