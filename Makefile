@@ -32,8 +32,9 @@ format: $(VENV)/.ready  ## let ruff format the code
 bench: $(VENV)/.ready  ## all benchmarks; leaves bench_out/
 	$(BIN)/python test/benchmark/run_all.py --output bench_out
 
-docs: $(VENV)/.ready  ## write config/PARAMETERS.md, default.yaml and security/policy.xml from the code
+docs: $(VENV)/.ready  ## write config/PARAMETERS.md, default.yaml, docs/topics.md and security/policy.xml from the code
 	$(BIN)/python tools/write_parameters.py
+	$(BIN)/python tools/write_topics.py
 	$(BIN)/python tools/write_policy.py
 
 bags: $(VENV)/.ready  ## make the sample bags anew

@@ -19,7 +19,7 @@ from uw_recon_ros.pipeline import PipelineParams, read_values
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "uw_recon_ros"
 NOUNS = {"", "types", "params", "errors", "images", "image_header", "calibration", "pairing", "jit", "progress"}
-NOUNS |= {"evaluate", "signals", "findings", "unseen", "trajectory"}
+NOUNS |= {"evaluate", "signals", "findings", "topics", "trajectory", "unseen"}
 STAGE_ROOMS = {"preprocess", "rectify", "match", "reconstruct"}
 NODE_PARAMS = {"node_params", "catalogue"}
 OFFLINE = NOUNS | STAGE_ROOMS | NODE_PARAMS | {"pipeline"}
@@ -126,6 +126,7 @@ def test_default_file_holds_every_default() -> None:
     assert values == {spec.name: spec.default for cls in ALL_PARAMS for spec in cls.specs()}
 
 
-def test_generated_files_are_up_to_date() -> None:
-    code = subprocess.run([sys.executable, str(ROOT / "tools" / "write_parameters.py"), "--check"], check=False)
+@pytest.mark.parametrize("tool", ["write_parameters.py", "write_topics.py"])
+def test_generated_files_are_up_to_date(tool: str) -> None:
+    code = subprocess.run([sys.executable, str(ROOT / "tools" / tool), "--check"], check=False)
     assert code.returncode == 0, "run 'make docs'"

@@ -25,7 +25,7 @@ from sights import (
 )
 
 from uw_recon_ros.doctor.cameras import offsets_ms
-from uw_recon_ros.doctor.chain import CLOUD, COMPRESSED, IMAGE, TYPES
+from uw_recon_ros.doctor.chain import TYPES
 from uw_recon_ros.doctor.diagnose import diagnose
 from uw_recon_ros.doctor.finding import Level
 from uw_recon_ros.doctor.near_misses import actual_names, for_image, says_eye
@@ -39,6 +39,7 @@ from uw_recon_ros.doctor.observation import (
     Topic,
 )
 from uw_recon_ros.doctor.text import as_json, as_table
+from uw_recon_ros.topics import COMPRESSED_IMAGE, IMAGE, POINT_CLOUD
 
 
 def cause(seen: Observation) -> str:
@@ -88,7 +89,10 @@ def no_camera(*others: Topic) -> Observation:
         ((published("/rov/left/image_raw"), published("/rov/right/image_raw")), "-r __ns:=/rov"),
         ((published("/stereo/left/image_color"),), "-r left/image_raw:=/stereo/left/image_color"),
         ((published("/left/image_color"), published("/left/image_mono")), "-r left/image_raw:=/left/image_color"),
-        ((published("/cam/left/image/compressed", COMPRESSED),), "-r left/image_raw/compressed:=/cam/left/image/compr"),
+        (
+            (published("/cam/left/image/compressed", COMPRESSED_IMAGE),),
+            "-r left/image_raw/compressed:=/cam/left/image/compr",
+        ),
         ((published("/camera/infra1/image_rect_raw"),), "-r left/image_raw:=/camera/infra1/image_rect_raw"),
         ((published("/usb_cam/image_raw"),), "images seen: /usb_cam/image_raw"),
     ],
@@ -101,7 +105,7 @@ def test_no_publisher_and_what_was_meant(others: tuple[Topic, ...], words: str) 
 
 def test_only_compressed_images_but_raw_ones_are_asked_for() -> None:
     seen = no_camera()
-    seen = change(seen, left__image_raw__compressed=published("/left/image_raw/compressed", COMPRESSED))
+    seen = change(seen, left__image_raw__compressed=published("/left/image_raw/compressed", COMPRESSED_IMAGE))
     seen = with_node(seen, "preprocess_node", parameters={"image_transport": "raw"})
     assert "set image_transport to compressed or auto" in cause(seen)
 
@@ -110,14 +114,14 @@ def test_compressed_images_do_as_well() -> None:
     seen = change(healthy(), left__image_raw=topic("left/image_raw"), right__image_raw=topic("right/image_raw"))
     for eye in ("left", "right"):
         came = images(width=0, height=0, encoding="jpeg")
-        compressed = replace(published(f"/{eye}/image_raw/compressed", COMPRESSED), arrivals=came)
+        compressed = replace(published(f"/{eye}/image_raw/compressed", COMPRESSED_IMAGE), arrivals=came)
         seen = replace(seen, topics={**seen.topics, f"{eye}/image_raw/compressed": compressed})
     assert warnings(seen) == ""
 
 
 def test_types_that_differ() -> None:
     ends: dict[str, Any] = {
-        "publishers": (Endpoint("/driver", COMPRESSED),),
+        "publishers": (Endpoint("/driver", COMPRESSED_IMAGE),),
         "subscribers": (Endpoint("/preprocess_node", IMAGE),),
         "arrivals": Arrivals(),
     }
@@ -237,7 +241,7 @@ def test_clocks() -> None:
 
 def unscaled(seen: Observation) -> Observation:
     """Clouds come, but without metres."""
-    seen = spoil(seen, "points2", arrivals=Arrivals(), publishers=(Endpoint("/point_cloud_node", CLOUD),))
+    seen = spoil(seen, "points2", arrivals=Arrivals(), publishers=(Endpoint("/point_cloud_node", POINT_CLOUD),))
     return change(seen, points_unscaled=topic("points_unscaled", "/point_cloud_node", images(valid_share=0.7)))
 
 
@@ -404,7 +408,7 @@ def test_clouds_with_little_or_nothing_in_them() -> None:
 
 def test_nobody_listens_or_elsewhere() -> None:
     assert "nobody but this doctor listens" in warnings(spoil(healthy(), "points2", subscribers=()))
-    astray = Topic("/points2", subscribers=(Endpoint("/rviz2", CLOUD),))
+    astray = Topic("/points2", subscribers=(Endpoint("/rviz2", POINT_CLOUD),))
     seen = replace(spoil(healthy(), "points2", name="/rov/points2"), others=(astray,))
     assert "waiting where nobody publishes: /rviz2 on /points2 (ours is /rov/points2)" in warnings(seen)
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from uw_recon_ros.calibration import make_camera
 from uw_recon_ros.doctor.cameras import source
-from uw_recon_ros.doctor.chain import EYES, METRIC_CLOUD, TYPES, UNSCALED_CLOUD
+from uw_recon_ros.doctor.chain import METRIC_CLOUD, TYPES, UNSCALED_CLOUD
 from uw_recon_ros.doctor.finding import Finding, Level, fail, ok
 from uw_recon_ros.doctor.near_misses import same_elsewhere, says_eye
 from uw_recon_ros.doctor.observation import CameraNumbers, Observation, Topic
 from uw_recon_ros.errors import CalibrationError
 from uw_recon_ros.rectify.stereo_info import has_baseline, stereo_axis
+from uw_recon_ros.topics import SIDES
 from uw_recon_ros.types import StereoCalibration
 
 _STAGE = "calibration"
@@ -43,7 +44,7 @@ def _camera(eye: str, info: CameraNumbers) -> object:
 def _numbers(seen: Observation) -> Finding:
     """Both infos came: what do they say."""
     left, right = seen.infos["left"], seen.infos["right"]
-    zero = [seen.topics[f"{eye}/camera_info"].name for eye in EYES if not any(seen.infos[eye].k)]
+    zero = [seen.topics[f"{eye}/camera_info"].name for eye in SIDES if not any(seen.infos[eye].k)]
     if zero:
         return _no_scale(seen, f"{' and '.join(zero)}: K is zero (not calibrated)")
     size = source(seen, "left").arrivals
@@ -85,10 +86,10 @@ def check_calibration(seen: Observation) -> list[Finding]:
     """Look at both eyes' camera_infos."""
     if seen.parameter("calibration_use", "auto") == "ignore":
         return [_no_scale(seen, "calibration_use is ignore", "set calibration_use to auto")]
-    topics = {eye: seen.topics.get(f"{eye}/camera_info", Topic(f"{eye}/camera_info")) for eye in EYES}
-    silent = [topics[eye].name for eye in EYES if topics[eye].publishers and eye not in seen.infos]
+    topics = {eye: seen.topics.get(f"{eye}/camera_info", Topic(f"{eye}/camera_info")) for eye in SIDES}
+    silent = [topics[eye].name for eye in SIDES if topics[eye].publishers and eye not in seen.infos]
     if silent:
         text = f"{' and '.join(silent)}: a publisher, but no message: rectification waits for it"
         return [fail(_STAGE, text, "publish it with every image, or stop publishing it")]
-    missing = [eye for eye in EYES if not topics[eye].publishers]
+    missing = [eye for eye in SIDES if not topics[eye].publishers]
     return [_missing(seen, missing) if missing else _numbers(seen)]

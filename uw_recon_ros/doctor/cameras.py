@@ -7,13 +7,14 @@ import statistics
 from bisect import bisect_left
 from collections.abc import Sequence
 
-from uw_recon_ros.doctor.chain import EYES, IMAGE, TYPES, sources
+from uw_recon_ros.doctor.chain import TYPES, sources
 from uw_recon_ros.doctor.finding import Finding, fail, ok, warn
 from uw_recon_ros.doctor.near_misses import for_image, namespace_of, same_elsewhere
 from uw_recon_ros.doctor.observation import Arrivals, Observation, Topic
 from uw_recon_ros.errors import ImageError
 from uw_recon_ros.images import decode_image
 from uw_recon_ros.node_params import NodeParams
+from uw_recon_ros.topics import IMAGE, SIDES
 
 _STAGE = "cameras"
 _MS = 1e6
@@ -182,8 +183,8 @@ def _apart(left: Arrivals, median_ms: float, paired: float, tolerance_ms: float)
 
 def check_cameras(seen: Observation) -> list[Finding]:
     """Look at both eyes' images."""
-    found = [finding for eye in EYES for finding in _eye(seen, eye)]
-    left, right = (source(seen, eye).arrivals for eye in EYES)
+    found = [finding for eye in SIDES for finding in _eye(seen, eye)]
+    left, right = (source(seen, eye).arrivals for eye in SIDES)
     if left.count and right.count:
         found += [*_formats(left, right), *_stamps(seen, left, right)]
     return found

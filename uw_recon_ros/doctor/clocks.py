@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from uw_recon_ros.doctor.cameras import source
-from uw_recon_ros.doctor.chain import EYES
 from uw_recon_ros.doctor.finding import Finding, ok, warn
 from uw_recon_ros.doctor.observation import Observation
+from uw_recon_ros.topics import SIDES
 
 _STAGE = "clock"
 _LATE_S = 5.0
@@ -33,7 +33,7 @@ def check_clocks(seen: Observation) -> list[Finding]:
                 "stop all but one",
             )
         )
-    behind_s = [came.behind_ns * 1e-9 for came in (source(seen, eye).arrivals for eye in EYES) if came.count]
+    behind_s = [came.behind_ns * 1e-9 for came in (source(seen, eye).arrivals for eye in SIDES) if came.count]
     if behind_s and not clock.publishers:
         worst = max(behind_s, key=abs)
         if abs(worst) > _LATE_S:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 
 from uw_recon_ros.doctor.calibrations import scale_is_unknown
-from uw_recon_ros.doctor.chain import CLOUD, METRIC_CLOUD, TYPES, UNSCALED_CLOUD
+from uw_recon_ros.doctor.chain import METRIC_CLOUD, TYPES, UNSCALED_CLOUD
 from uw_recon_ros.doctor.finding import Finding, fail, ok, warn
 from uw_recon_ros.doctor.observation import Observation, Topic
 from uw_recon_ros.doctor.stages import EXCHANGE
+from uw_recon_ros.topics import POINT_CLOUD
 
 _STAGE = "cloud"
 _SPARSE = 0.05
@@ -68,7 +69,7 @@ def check_listeners(seen: Observation) -> list[Finding]:
         f"{', '.join(sorted({end.node for end in topic.subscribers}))} on {topic.name}"
         for topic in seen.others
         if not topic.publishers and topic.name.rsplit("/", 1)[-1] in TYPES | {"surface": ""}
-        and any(end.type == CLOUD for end in topic.subscribers)
+        and any(end.type == POINT_CLOUD for end in topic.subscribers)
     ]  # fmt: skip
     found = []
     if astray:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 
-from uw_recon_ros.doctor.chain import COMPRESSED, EYES, IMAGE, TYPES, sources
+from uw_recon_ros.doctor.chain import TYPES, sources
 from uw_recon_ros.doctor.observation import Topic
+from uw_recon_ros.topics import COMPRESSED_IMAGE, IMAGE, SIDES
 
 #: How drivers name an eye.
 _SPELLINGS = {
@@ -21,7 +22,7 @@ _WORD = re.compile(r"[^/_]+")
 def says_eye(name: str, eye: str) -> bool:
     """Whether a topic's name speaks of this eye and not of the other."""
     words = set(_WORD.findall(name.lower()))
-    other = EYES[1 - EYES.index(eye)]
+    other = SIDES[1 - SIDES.index(eye)]
     return bool(words & _SPELLINGS[eye]) and not words & _SPELLINGS[other]
 
 
@@ -33,7 +34,7 @@ def same_elsewhere(relative: str, kinds: Iterable[str], others: Iterable[Topic])
 
 def for_image(eye: str, others: Iterable[Topic]) -> list[str]:
     """Topics that may be an eye's image, likeliest first."""
-    found = [t.name for t in others if t.types & {IMAGE, COMPRESSED} and says_eye(t.name, eye)]
+    found = [t.name for t in others if t.types & {IMAGE, COMPRESSED_IMAGE} and says_eye(t.name, eye)]
     return sorted(found, key=_rank)
 
 
@@ -64,7 +65,7 @@ def actual_names(subscriptions: Mapping[str, str], resolved: Mapping[str, str]) 
     """
     found: dict[str, str] = {}
     known = set(resolved.values())
-    for eye in EYES:
+    for eye in SIDES:
         for relatives in (sources(eye), (f"{eye}/camera_info",)):
             if any(resolved[relative] in subscriptions for relative in relatives):
                 continue

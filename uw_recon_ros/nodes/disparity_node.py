@@ -15,9 +15,6 @@ import sys
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from sensor_msgs.msg import CameraInfo, Image
-from stereo_msgs.msg import DisparityImage
-
 from uw_recon_ros.match.stage import MatchParams
 from uw_recon_ros.node_params import DisparityMessageParams, RateParams
 from uw_recon_ros.ros.assembly import Group
@@ -29,21 +26,16 @@ from uw_recon_ros.ros.node import StageNode
 from uw_recon_ros.ros.outputs import Outputs
 from uw_recon_ros.ros.pairs import rectified_pair
 from uw_recon_ros.ros.parameters import ParameterSet
-from uw_recon_ros.ros.topics import Input, Output, Source
+from uw_recon_ros.ros.topics import Input, outputs_of, source
+from uw_recon_ros.topics import SIDES
 from uw_recon_ros.types import DisparityMap
 
-RECTIFIED_INFOS = tuple(
-    Input(f"{eye}_info", (Source(f"rectified/{eye}/camera_info", CameraInfo),)) for eye in ("left", "right")
-)
+RECTIFIED_INFOS = tuple(Input(f"{side}_info", (source(f"rectified/{side}/camera_info"),)) for side in SIDES)
 INPUTS = (
-    *(Input(eye, (Source(f"rectified/{eye}/image_rect", Image),)) for eye in ("left", "right")),
+    *(Input(side, (source(f"rectified/{side}/image_rect"),)) for side in SIDES),
     *RECTIFIED_INFOS,
 )
-OUTPUTS = (
-    Output("disparity/status", Image),
-    Output("disparity/sigma", Image),
-    Output("disparity", DisparityImage),
-)
+OUTPUTS = outputs_of("disparity_node")
 
 
 def report_disparity(diagnostics: Diagnostics, disparity: DisparityMap) -> None:

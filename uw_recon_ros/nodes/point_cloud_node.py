@@ -20,10 +20,6 @@ import sys
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from sensor_msgs.msg import CameraInfo, Image, PointCloud2
-from stereo_msgs.msg import DisparityImage
-from visualization_msgs.msg import Marker
-
 from uw_recon_ros.node_params import CloudParams, DisparityMessageParams
 from uw_recon_ros.reconstruct.stage import Reconstruct, ReconstructParams
 from uw_recon_ros.ros.assembly import Group
@@ -35,25 +31,20 @@ from uw_recon_ros.ros.node import StageNode
 from uw_recon_ros.ros.outputs import Outputs
 from uw_recon_ros.ros.pairs import color_image, expect_size
 from uw_recon_ros.ros.parameters import ParameterSet
-from uw_recon_ros.ros.topics import Input, Output, Source
+from uw_recon_ros.ros.topics import Input, outputs_of, source
+from uw_recon_ros.topics import SIDES, published_by
 from uw_recon_ros.types import ByteImage, DisparityMap
 
 INPUTS = (
-    Input("status", (Source("disparity/status", Image),), "optional"),
-    Input("sigma", (Source("disparity/sigma", Image),), "optional"),
-    Input("left", (Source("rectified/left/image_rect_color", Image), Source("rectified/left/image_rect", Image))),
-    *(Input(f"{eye}_info", (Source(f"rectified/{eye}/camera_info", CameraInfo),)) for eye in ("left", "right")),
-    Input("disparity", (Source("disparity", DisparityImage),)),
+    Input("status", (source("disparity/status"),), "optional"),
+    Input("sigma", (source("disparity/sigma"),), "optional"),
+    Input("left", (source("rectified/left/image_rect_color"), source("rectified/left/image_rect"))),
+    *(Input(f"{side}_info", (source(f"rectified/{side}/camera_info"),)) for side in SIDES),
+    Input("disparity", (source("disparity"),)),
 )
-METRIC = ("depth/image_rect", "depth/sigma", "depth/camera_info", "points2", "points2_filtered")
+METRIC = tuple(topic.name for topic in published_by("point_cloud_node") if topic.metric)
 UNSCALED = "points_unscaled"
-OUTPUTS = (
-    Output("depth/camera_info", CameraInfo),
-    Output("depth/sigma", Image),
-    Output("depth/image_rect", Image),
-    *(Output(topic, PointCloud2) for topic in ("points2", "points2_filtered", UNSCALED)),
-    Output("surface", Marker, latched=True),
-)
+OUTPUTS = outputs_of("point_cloud_node")
 _NO_SCALE = f"metric scale unknown: {UNSCALED} instead of depth and points2 (calibrate, or set baseline_m and focal_px)"
 
 

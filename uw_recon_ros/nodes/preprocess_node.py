@@ -27,14 +27,12 @@ from uw_recon_ros.ros.node import StageNode
 from uw_recon_ros.ros.outputs import Outputs
 from uw_recon_ros.ros.pairs import raw_pair
 from uw_recon_ros.ros.parameters import ParameterSet
-from uw_recon_ros.ros.topics import Input, Output, Source
+from uw_recon_ros.ros.topics import Input, outputs_of, source
+from uw_recon_ros.topics import SIDES
 from uw_recon_ros.types import EnhancedPair
 
-CAMERAS = tuple(
-    Input(eye, (Source(f"{eye}/image_raw", Image), Source(f"{eye}/image_raw/compressed", CompressedImage)))
-    for eye in ("left", "right")
-)
-OUTPUTS = tuple(Output(f"{eye}/image_{kind}", Image) for kind in ("matching", "enhanced") for eye in ("left", "right"))
+CAMERAS = tuple(Input(side, (source(f"{side}/image_raw"), source(f"{side}/image_raw/compressed"))) for side in SIDES)
+OUTPUTS = outputs_of("preprocess_node")
 _TRANSPORTS = {"auto": (Image, CompressedImage), "raw": (Image,), "compressed": (CompressedImage,)}
 
 

@@ -18,8 +18,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sensor_msgs.msg import CameraInfo, Image
-
 from uw_recon_ros.rectify.stage import Rectify, RectifyParams
 from uw_recon_ros.rectify.tracker import RigTracker
 from uw_recon_ros.ros import frames
@@ -31,26 +29,17 @@ from uw_recon_ros.ros.node import StageNode
 from uw_recon_ros.ros.outputs import Outputs
 from uw_recon_ros.ros.pairs import calibration_from_infos, enhanced_pair, is_calibrated
 from uw_recon_ros.ros.parameters import ParameterSet
-from uw_recon_ros.ros.topics import Input, Output, Source
+from uw_recon_ros.ros.topics import Input, outputs_of, source
+from uw_recon_ros.topics import SIDES
 from uw_recon_ros.types import EnhancedPair, RectifiedPair
 
-CAMERA_INFOS = tuple(
-    Input(f"{eye}_info", (Source(f"{eye}/camera_info", CameraInfo),), "latest") for eye in ("left", "right")
-)
+CAMERA_INFOS = tuple(Input(f"{side}_info", (source(f"{side}/camera_info"),), "latest") for side in SIDES)
 INPUTS = (
-    *(Input(f"{eye}_matching", (Source(f"{eye}/image_matching", Image),), "optional") for eye in ("left", "right")),
-    *(Input(eye, (Source(f"{eye}/image_enhanced", Image),)) for eye in ("left", "right")),
+    *(Input(f"{side}_matching", (source(f"{side}/image_matching"),), "optional") for side in SIDES),
+    *(Input(side, (source(f"{side}/image_enhanced"),)) for side in SIDES),
     *CAMERA_INFOS,
 )
-OUTPUTS = (
-    *(Output(f"rectified/{eye}/camera_info", CameraInfo) for eye in ("left", "right")),
-    *(
-        Output(f"rectified/{eye}/{kind}", Image)
-        for kind in ("image_rect_color", "image_rect")
-        for eye in ("left", "right")
-    ),
-    *frames.OUTPUTS,
-)
+OUTPUTS = (*outputs_of("rectify_node"), *frames.OUTPUTS)
 
 
 @dataclass(frozen=True)

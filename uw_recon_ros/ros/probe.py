@@ -14,7 +14,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from uw_recon_ros.doctor.chain import CLOUD, COMPRESSED, EYES, IMAGE, INFO, LISTENED, METRIC_CLOUD, NODES, TYPES
+from uw_recon_ros.doctor.chain import LISTENED, METRIC_CLOUD, NODES, TYPES
 from uw_recon_ros.doctor.chain import UNSCALED_CLOUD as UNSCALED
 from uw_recon_ros.doctor.near_misses import actual_names
 from uw_recon_ros.doctor.observation import ClockSight, GraphNode, Observation, Status, Surroundings, Topic
@@ -22,6 +22,7 @@ from uw_recon_ros.ros.asked import Asked
 from uw_recon_ros.ros.message_types import message_class
 from uw_recon_ros.ros.qos import profile
 from uw_recon_ros.ros.recorder import Recorder, camera_numbers, endpoint
+from uw_recon_ros.topics import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE, POINT_CLOUD, SIDES
 
 NAME = "uw_recon_doctor"
 _LOOK_S = 0.25
@@ -84,7 +85,7 @@ class Probe(Node):  # type: ignore[misc]
     def observation(self) -> Observation:
         """Everything seen so far."""
         topics = {relative: self._topic(relative, name) for relative, name in self._resolved.items()}
-        infos = {eye: self._recorders.get(f"{eye}/camera_info") for eye in EYES}
+        infos = {eye: self._recorders.get(f"{eye}/camera_info") for eye in SIDES}
         clocks = [endpoint(end).node for end in self.get_publishers_info_by_topic("/clock")]
         names = [name for name in self.get_node_names() if not name.startswith(_TOOLS)]
         here = self.get_namespace()
@@ -146,7 +147,7 @@ class Probe(Node):  # type: ignore[misc]
         return Topic(name, publishers, subscribers)
 
     def _others(self) -> tuple[Topic, ...]:
-        wanted, ours = {IMAGE, COMPRESSED, INFO, CLOUD}, set(self._resolved.values())
+        wanted, ours = {IMAGE, COMPRESSED_IMAGE, CAMERA_INFO, POINT_CLOUD}, set(self._resolved.values())
         names = [name for name, types in self.get_topic_names_and_types() if name not in ours and wanted & set(types)]
         return tuple(self._ends(name) for name in names)
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from uw_recon_ros.ros.message_types import message_class
+from uw_recon_ros.topics import find_topic, published_by
+
 
 @dataclass(frozen=True)
 class Source:
@@ -12,6 +15,11 @@ class Source:
 
     topic: str
     type: Any
+
+
+def source(topic: str) -> Source:
+    """A topic of the table."""
+    return Source(topic, message_class(find_topic(topic).type))
 
 
 @dataclass(frozen=True)
@@ -53,3 +61,8 @@ class Output:
     type: Any
     latched: bool = False
     quiet: bool = False
+
+
+def outputs_of(node: str) -> tuple[Output, ...]:
+    """What the table says that a stage node publishes."""
+    return tuple(Output(topic.name, message_class(topic.type), topic.latched) for topic in published_by(node))

@@ -1,0 +1,93 @@
+"""The one table of topics: name, type, who publishes it, unit and meaning.
+
+Nodes, doctor, security policy and ``docs/topics.md`` are made from it; launch file, layouts of RViz and Foxglove,
+output bag and the other documents are checked against it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+CAMERAS = "cameras"  #: who publishes what goes in: drivers, or a bag
+IMAGE, COMPRESSED_IMAGE = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+CAMERA_INFO, POINT_CLOUD = "sensor_msgs/msg/CameraInfo", "sensor_msgs/msg/PointCloud2"
+DISPARITY_IMAGE, MARKER = "stereo_msgs/msg/DisparityImage", "visualization_msgs/msg/Marker"
+SIDES = ("left", "right")
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic.
+
+    Parameters
+    ----------
+    name : str
+        Relative, so that a name space moves it.
+    type : str
+        E.g. ``sensor_msgs/msg/Image``.
+    by : str
+        The stage node that publishes it, or `CAMERAS`. `pipeline_node` publishes what all stage nodes do.
+    about : str
+        What it is, in a sentence.
+    encoding : str
+        Of an image.
+    unit : str
+        Of its numbers; empty where they have none.
+    latched : bool
+        Whether late subscribers get the last message (transient local).
+    metric : bool
+        Whether it is published only where the metric scale is known.
+    """
+
+    name: str
+    type: str
+    by: str
+    about: str
+    encoding: str = ""
+    unit: str = ""
+    latched: bool = False
+    metric: bool = False
+
+
+def _both(name: str, kind: str, by: str, about: str, encoding: str = "") -> Iterator[Topic]:
+    """A topic of each side; ``{}`` stands for it."""
+    return (Topic(name.format(side), kind, by, about.format(side), encoding) for side in SIDES)
+
+
+_PREPROCESS, _RECTIFY, _DISPARITY, _CLOUD = "preprocess_node", "rectify_node", "disparity_node", "point_cloud_node"
+#: In the order in which one pair's messages are published.
+TOPICS = (
+    *_both("{}/image_raw", IMAGE, CAMERAS, "Image of the {} camera."),
+    *_both("{}/image_raw/compressed", COMPRESSED_IMAGE, CAMERAS, "The same compressed; read where no raw one comes."),
+    *_both("{}/camera_info", CAMERA_INFO, CAMERAS, "Calibration of the {} camera; without it the scale is unknown."),
+    *_both("{}/image_matching", IMAGE, _PREPROCESS, "What the matcher sees of the {} camera.", "mono8"),
+    *_both("{}/image_enhanced", IMAGE, _PREPROCESS, "Enhanced image of the {} camera: texture, tie points.", "bgr8"),
+    *_both("rectified/{}/camera_info", CAMERA_INFO, _RECTIFY, "Rectified geometry of the {} view; P has the baseline."),
+    *_both("rectified/{}/image_rect_color", IMAGE, _RECTIFY, "Rectified {} view, enhanced: texture.", "bgr8"),
+    *_both("rectified/{}/image_rect", IMAGE, _RECTIFY, "Rectified {} view, as the matcher sees it.", "mono8"),
+    Topic("disparity/status", IMAGE, _DISPARITY, "Why a pixel has no disparity: bits of `Status`, 0 = valid.", "mono8"),
+    Topic("disparity/sigma", IMAGE, _DISPARITY, "Standard deviation of the disparity; NaN = invalid.", "32FC1", "px"),
+    Topic("disparity", DISPARITY_IMAGE, _DISPARITY, "Disparity u_left - u_right; NaN = invalid.", "32FC1", "px"),
+    Topic("depth/camera_info", CAMERA_INFO, _CLOUD, "Camera of the depth image: D = 0, R = I.", metric=True),
+    Topic("depth/sigma", IMAGE, _CLOUD, "Standard deviation of the depth; NaN = invalid.", "32FC1", "m", metric=True),
+    Topic("depth/image_rect", IMAGE, _CLOUD, "Depth along the optical axis; NaN = invalid (REP 118).", "32FC1", "m",
+          metric=True),
+    Topic("points2", POINT_CLOUD, _CLOUD, "Organised cloud, a point a pixel; may hold NaN.", unit="m", metric=True),
+    Topic("points2_filtered", POINT_CLOUD, _CLOUD, "Dense cloud for navigation: range-limited, thinned to voxels.",
+          unit="m", metric=True),
+    Topic("points_unscaled", POINT_CLOUD, _CLOUD, "Instead of all metric topics where the scale is unknown.",
+          unit="baselines"),
+    Topic("surface", MARKER, _CLOUD, "Triangles with colours.", unit="m, or baselines", latched=True),
+)  # fmt: skip
+_BY_NAME = {topic.name: topic for topic in TOPICS}
+
+
+def find_topic(name: str) -> Topic:
+    """The topic of that relative name; `KeyError` where there is none."""
+    return _BY_NAME[name]
+
+
+def published_by(publisher: str) -> tuple[Topic, ...]:
+    """What a stage node, or `CAMERAS`, publishes, in order."""
+    return tuple(topic for topic in TOPICS if topic.by == publisher)
