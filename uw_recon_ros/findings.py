@@ -36,6 +36,7 @@ class Code(str, Enum):
     RECTIFY_NO_BASELINE = "rectify.no_baseline"
     RECTIFY_ROWS_DISAGREE = "rectify.rows_disagree"
     # parts of an image that show no scene
+    REGION_BLANK = "region.blank"
     REGION_BORDER = "region.border"
     REGION_DEAD = "region.dead"
     REGION_FROZEN = "region.frozen"

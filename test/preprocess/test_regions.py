@@ -112,6 +112,7 @@ def lost(part: Image, kind: str) -> Image:
         "black": lambda: np.zeros_like(part),
         "gray": lambda: np.full_like(part, 128),
         "noise": lambda: rng.integers(0, 256, part.shape, np.uint8),
+        "silt": lambda: (np.array([96, 84, 62]) + rng.normal(0, 2, part.shape)).clip(0, 255).astype(np.uint8),
         "repeated": lambda: np.repeat(part[:1], len(part), axis=0),
     }[kind]()
 
@@ -125,7 +126,7 @@ def beside(image: Image, kind: str) -> Image:
     return np.ascontiguousarray(np.swapaxes(lower(np.swapaxes(image, 0, 1), kind), 0, 1))
 
 
-KINDS = {"black": "dead", "gray": "dead", "noise": "noise", "repeated": "dead"}
+KINDS = {"black": "dead", "gray": "dead", "noise": "noise", "repeated": "dead", "silt": "blank"}
 
 
 @pytest.mark.parametrize("bits", [8, 16])
@@ -151,7 +152,7 @@ def test_half_a_camera_is_named_and_left_out(
     view = expected if damage is lower else expected.T
     view[len(view) // 2 :] = True
     assert (mine & expected).sum() > 0.97 * expected.sum()
-    assert (mine & ~expected).mean() < 0.03
+    assert (mine & ~expected).mean() < (0.09 if kind == "silt" else 0.03)  # plain discs at its rim go with it
     assert not other.any()
 
 
@@ -225,6 +226,9 @@ def test_open_water_and_mud_are_not_dead() -> None:
     one_sided = pair.left.copy()
     one_sided[:, :100] = water(0)[:, :100]  # seen by one camera alone, at the side
     assert not find_regions(replace(pair, left=one_sided)).findings
+    below = pair.left.copy()
+    below[-40:] = water(0)[-40:]
+    assert not find_regions(replace(pair, left=below)).findings
 
 
 @pytest.mark.parametrize("level", [4.0, 12.0, 40.0])

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -27,8 +27,10 @@ _STILL = 0.02  # of a block's pixels that may change (along a direction, since t
 _SMALLEST = 0.01  # of an image that a lost part must cover
 _ALSO = 0.5  # of a part's place, or area, that the other camera does not tell either: then it is the scene's
 _NOISE_LEVEL = 12.0  # mean difference of neighbours from which a picture is held for mere noise, of 255 ...
-_NOISE_RATIO = 1.15  # ... if pixels 4 px apart do not differ more than this times as much
-_NOISE_LAG = 4  # px
+_NOISE_RATIO = 1.25  # ... if pixels 6 px apart do not differ more than this times as much
+_NOISE_LAG = 6  # px
+_BLANK_LEVEL = 4.0  # mean difference up to which it is blank
+_FROM_SIDE_TO_SIDE, _BAND, _NEARLY_HALF = 0.9, 0.2, 0.4  # of a row, of the rows, of the image
 _NOISE_SMALLEST = 0.05  # of an image
 _RING_SHARE = 0.04  # of an image's outermost pixels that must have one value for a border to be looked for
 _GLARE = 0.3  # of an image
@@ -103,35 +105,63 @@ def _gray(image: RawImage) -> Gray:
     return image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
 
 
+class _Alone(NamedTuple):
+    """What one image tells by itself: its border, (H, W), and blocks that may be lost."""
+
+    border: Mask
+    dead: Blocks
+    noise: Blocks
+    blank: Blocks
+
+
+def _alone(gray: Gray, white: float) -> _Alone:
+    return _Alone(constant_border(gray, white), _dead(gray, white), *_without_picture(gray))
+
+
 def _find(grays: Grays, before: Grays | None) -> Regions:
+    nothing = np.zeros(grays[0].shape, np.bool_)
     if min(grays[0].shape) < _SMALLEST_SIDE:
-        return Regions(np.zeros(grays[0].shape, np.bool_), np.zeros(grays[1].shape, np.bool_))
+        return Regions(nothing, nothing)
     with TwoThreads() as both:
-        borders = both(partial(constant_border, white=full_scale(grays)), grays)
-    lost: list[dict[Code, Mask]] = [{}, {}]
-    for code, kind in _kinds(grays, before).items():
-        for camera, blocks in enumerate(kind):
-            lost[camera][code] = _as_pixels(blocks, grays[0].shape) & ~borders[camera]
+        alone = both(partial(_alone, white=full_scale(grays)), grays)
+    kinds = {
+        code: pair for code, pair in _kinds(alone, _still(grays, before)).items() if pair[0].any() or pair[1].any()
+    }
+    borders = alone[0].border, alone[1].border
+    if not kinds and not borders[0].any() and not borders[1].any():
+        return Regions(nothing, nothing)
     masks, findings = [], list[Finding]()
-    for name, border, parts in zip(("left", "right"), borders, lost, strict=True):
+    for camera, (name, border) in enumerate(zip(("left", "right"), borders, strict=True)):
+        parts = {code: _as_pixels(pair[camera], border.shape) & ~border for code, pair in kinds.items()}
         masks.append(with_margin(np.logical_or.reduce([border, *parts.values()])))
         findings += [_finding(code, name, float(part.mean())) for code, part in parts.items() if part.any()]
         findings += _border_finding(name, border, borders)
     return Regions(masks[0], masks[1], tuple(findings))
 
 
-def _kinds(grays: Grays, before: Grays | None) -> dict[Code, tuple[Blocks, Blocks]]:
+def _kinds(alone: tuple[_Alone, _Alone], still: tuple[Blocks, Blocks] | None) -> dict[Code, tuple[Blocks, Blocks]]:
     """Blocks that either camera has lost, by kind."""
-    with TwoThreads() as both:
-        dead = _unlike_the_other(both(partial(_dead, white=full_scale(grays)), grays))
-        noisy = both(_noise, grays)
-    kinds = {Code.REGION_DEAD: dead}
-    kinds[Code.REGION_NOISE] = _only_in(noisy, 0), _only_in(noisy, 1)
-    if before is not None and before[0].shape == grays[0].shape and before[0].dtype == grays[0].dtype:
-        still = _still(grays[0], before[0]), _still(grays[1], before[1])
+    dead = _unlike_the_other((alone[0].dead, alone[1].dead))
+    noise, blank = (alone[0].noise, alone[1].noise), _wide((alone[0].blank, alone[1].blank))
+    kinds = {
+        Code.REGION_DEAD: dead,
+        Code.REGION_NOISE: (_only_in(noise, 0), _only_in(noise, 1)),
+        Code.REGION_BLANK: (blank[0] & ~dead[0], blank[1] & ~dead[1]),
+    }
+    if still is not None:
         frozen = _unlike_the_other(still)
         kinds[Code.REGION_FROZEN] = frozen[0] & ~dead[0], frozen[1] & ~dead[1]
     return kinds
+
+
+def _still(grays: Grays, before: Grays | None) -> tuple[Blocks, Blocks] | None:
+    """Blocks of either camera that are those of the frame before; None where there is none of this kind."""
+    if before is None or before[0].shape != grays[0].shape or before[0].dtype != grays[0].dtype:
+        return None
+    left, right = (
+        _share(cv2.absdiff(now, then), now.shape) <= 255 * _STILL for now, then in zip(grays, before, strict=True)
+    )
+    return left, right
 
 
 def _blocks(values: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -157,33 +187,28 @@ def _dead(gray: Gray, white: float) -> Blocks:
     return np.asarray(alike & ~bright if bright.mean() < _GLARE else alike)
 
 
-def _still(gray: Gray, before: Gray) -> Blocks:
-    return np.asarray(_share(cv2.absdiff(gray, before), gray.shape) <= 255 * _STILL)
+def _without_picture(gray: Gray) -> tuple[Blocks, Blocks]:
+    """Blocks whose pixels have nothing to do with each other: in bold contrast (noise), and in hardly any (blank)."""
+    levels = gray if gray.dtype == np.uint8 else gray * np.float32(255.0 / max(float(gray.max()), 1.0))
+    bold, faint = _unrelated(levels)
+    if max(bold.mean(), faint.mean()) < _NOISE_SMALLEST:
+        return np.zeros_like(bold), np.zeros_like(faint)
+    other_bold, other_faint = _unrelated(levels.T)
+    return bold & other_bold.T, faint & other_faint.T
 
 
-def _noise(gray: Gray) -> Blocks:
-    """Blocks whose pixels have nothing to do with each other, in bold contrast."""
-    small = gray if gray.dtype == np.uint8 else cv2.convertScaleAbs(gray, alpha=255.0 / max(float(gray.max()), 1.0))
-    random = _unrelated(small[:, 1:], small[:, :-1], small[:, _NOISE_LAG:], small[:, :-_NOISE_LAG], small.shape)
-    if np.count_nonzero(random) < _NOISE_SMALLEST * random.size:
-        return np.zeros_like(random)
-    return random & _unrelated(small[1:], small[:-1], small[_NOISE_LAG:], small[:-_NOISE_LAG], small.shape)
+def _unrelated(levels: NDArray[Any]) -> tuple[Blocks, Blocks]:
+    """Blocks where pixels further apart along the row hardly differ more than neighbours; by how much these do."""
+    near, far = (_mean_difference(levels, lag) for lag in (1, _NOISE_LAG))
+    random = far <= _NOISE_RATIO * near
+    return np.asarray(random & (near >= _NOISE_LEVEL)), np.asarray(random & (far <= _BLANK_LEVEL))
 
 
-def _unrelated(a: Gray, b: Gray, c: Gray, d: Gray, shape: tuple[int, ...]) -> Blocks:
-    """Blocks where neighbours (a, b) differ much, and pixels further apart (c, d) hardly more."""
-    near = _mean_difference(a, b, shape)
-    bold = near >= _NOISE_LEVEL
-    if np.count_nonzero(bold) < _NOISE_SMALLEST * bold.size:
-        return np.zeros_like(bold)
-    return np.asarray(bold & (_mean_difference(c, d, shape) <= _NOISE_RATIO * near))
-
-
-def _mean_difference(a: Gray, b: Gray, shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """Mean over blocks and those around them; the last rows or columns, which have no partner, repeat."""
-    size = shape[1] // BLOCK, shape[0] // BLOCK
-    blocks = cv2.resize(cv2.absdiff(a, b), size, interpolation=cv2.INTER_AREA)
-    return np.asarray(cv2.blur(blocks.astype(np.float32), (3, 3)), np.float32)
+def _mean_difference(levels: NDArray[Any], lag: int) -> NDArray[np.float32]:
+    """Mean over blocks and those around them, of every other row."""
+    size = levels.shape[1] // BLOCK, levels.shape[0] // BLOCK
+    difference = cv2.absdiff(levels[::2, lag:], levels[::2, :-lag]).astype(np.float32)
+    return np.asarray(cv2.blur(cv2.resize(difference, size, interpolation=cv2.INTER_AREA), (3, 3)), np.float32)
 
 
 def _parts(blocks: Blocks, smallest: float) -> list[Mask]:
@@ -214,6 +239,22 @@ def _only_in(blocks: tuple[Blocks, Blocks], camera: int) -> Blocks:
         if other.sum() < _ALSO * part.sum():
             kept |= part
     return kept
+
+
+def _wide(blank: tuple[Blocks, Blocks]) -> tuple[Blocks, Blocks]:
+    """Blank parts of either camera, with the blocks at their rim, that are too wide to lie beside the other's view."""
+    kept = [np.zeros_like(blank[0]), np.zeros_like(blank[0])]
+    for mine, found in zip(_unlike_the_other(blank), kept, strict=True):
+        for part in _parts(mine, _NOISE_SMALLEST):
+            if _is_wide(part):
+                found |= cv2.dilate(part.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    return kept[0], kept[1]
+
+
+def _is_wide(part: Blocks) -> bool:
+    """Whether a part goes from side to side of many rows, or is nearly half the image."""
+    rows = (part.mean(axis=1) >= _FROM_SIDE_TO_SIDE).mean()
+    return bool(rows >= _BAND or part.mean() >= _NEARLY_HALF)
 
 
 def _as_pixels(blocks: Blocks, shape: tuple[int, ...]) -> Mask:
@@ -311,6 +352,7 @@ def _without_holes(border: Mask) -> Mask:
 _WORDS = {
     Code.REGION_DEAD: ("shows nothing (one value, or one line repeated)", "look at cable, transfer and port"),
     Code.REGION_NOISE: ("is noise without a picture", "look at cable and receiver"),
+    Code.REGION_BLANK: ("shows nothing but noise", "look at the port: silt, growth, a hand"),
     Code.REGION_FROZEN: ("is that of the frame before, while the other camera moves on", "look at the transfer"),
 }
 
