@@ -27,6 +27,7 @@ def scene(seed: int = 0) -> StereoPair:
     """Two noisy views of one flat picture."""
     wide = colored_leaves(HEIGHT, WIDTH + SHIFT, seed)
     rng = np.random.default_rng(seed)
+    wide += 0.05 * cv2.GaussianBlur(rng.normal(0, 3, wide.shape).astype(np.float32), (0, 0), 1.2)
     left, right = (v + rng.normal(0, 0.01, v.shape).astype(np.float32) for v in (wide[:, :-SHIFT], wide[:, SHIFT:]))
     return StereoPair(to_bytes(left), to_bytes(right), frame_id="left")
 
@@ -152,7 +153,7 @@ def test_half_a_camera_is_named_and_left_out(
     view = expected if damage is lower else expected.T
     view[len(view) // 2 :] = True
     assert (mine & expected).sum() > 0.97 * expected.sum()
-    assert (mine & ~expected).mean() < (0.09 if kind == "silt" else 0.03)  # plain discs at its rim go with it
+    assert (mine & ~expected).mean() < 0.06
     assert not other.any()
 
 
@@ -163,7 +164,7 @@ def test_half_of_both_cameras_is_no_letterbox(kind: str) -> None:
     assert [f.severity for f in found.findings] == [Severity.WARN] * 2
     for mask in found.masks:
         assert mask[HEIGHT // 2 :].all()
-        assert not mask[: HEIGHT // 2 - MARGIN].any()
+        assert mask[: HEIGHT // 2 - MARGIN].mean() < 0.01
 
 
 @pytest.mark.parametrize("value", [0, 128, 255])

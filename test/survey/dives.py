@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import hashlib
+from dataclasses import replace
 from pathlib import Path
 
 from uw_recon_ros.bags import RawMessage, open_bag
@@ -55,3 +56,14 @@ def without_seconds(path: Path) -> list[dict[str, str]]:
 def table(path: Path) -> list[dict[str, str]]:
     with path.open(newline="", encoding="utf-8") as stream:
         return list(csv.DictReader(stream))
+
+
+def with_half_a_camera(messages: list[RawMessage]) -> list[RawMessage]:
+    """The same recording, but the right image's lower half black in the second frame and frozen in the last one."""
+    images = [i for i, m in enumerate(messages) if m.topic == "/right/image_raw"]
+    broken = list(messages)
+    for at, part in ((images[1], b""), (images[-1], messages[images[-2]].data)):
+        data = messages[at].data
+        half = 36 * 96 * 3  # bytes, at the end of the message
+        broken[at] = replace(messages[at], data=data[:-half] + (part[-half:] or bytes(half)))
+    return broken

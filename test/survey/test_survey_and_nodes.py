@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from dives import PARAMS, make_dive, recorded
+from dives import PARAMS, make_dive, recorded, with_half_a_camera
 from rclpy.serialization import deserialize_message, serialize_message
 
-from uw_recon_ros.bags import RawMessage, messages, open_bag
+from uw_recon_ros.bags import RawMessage, messages, open_bag, write_bag
 from uw_recon_ros.cli import main
 from uw_recon_ros.pipeline import read_values
 
@@ -77,9 +77,13 @@ def kind_of(message: Any) -> str:
     return f"{type(message).__module__.split('.')[0]}/msg/{type(message).__name__}"
 
 
-@pytest.mark.parametrize("axis", ["horizontal", "vertical"])
-def test_a_survey_equals_the_graph(axis: str, tmp_path: Path) -> None:
-    dive = make_dive(tmp_path / "dive", frames=FRAMES, axis=axis)
+@pytest.mark.parametrize(("axis", "frames"), [("horizontal", FRAMES), ("vertical", FRAMES), ("half a camera", 4)])
+def test_a_survey_equals_the_graph(axis: str, frames: int, tmp_path: Path) -> None:
+    if axis == "half a camera":
+        dive = tmp_path / "broken"
+        write_bag(dive, with_half_a_camera(recorded(make_dive(tmp_path / "dive", frames=frames))))
+    else:
+        dive = make_dive(tmp_path / "dive", frames=frames, axis=axis)
     params = tmp_path / "small.yaml"
     params.write_text(PARAMS)
     assert (
@@ -91,6 +95,6 @@ def test_a_survey_equals_the_graph(axis: str, tmp_path: Path) -> None:
         }
     theirs = replayed(recorded(dive), read_values(params))
     assert {topic for topic, _ in theirs} == {topic for topic, _ in mine}
-    assert len(mine) == FRAMES * len({topic for topic, _ in mine})
+    assert len(mine) == frames * len({topic for topic, _ in mine})
     different = [key for key in mine if mine[key] != theirs[key]]
     assert not different

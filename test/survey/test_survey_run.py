@@ -19,9 +19,9 @@ import numpy as np
 import pytest
 import trimesh
 from bag_makers import cut, write_mcap
-from dives import FRAMES, PARAMS, digests, make_dive, recorded, table
+from dives import FRAMES, PARAMS, digests, make_dive, recorded, table, with_half_a_camera
 
-from uw_recon_ros.bags import open_bag
+from uw_recon_ros.bags import open_bag, write_bag
 from uw_recon_ros.cli import main
 from uw_recon_ros.evaluate import read_disparity
 from uw_recon_ros.pipeline import Pipeline, PipelineParams, read_values
@@ -238,6 +238,31 @@ def test_bad_frames_are_rows_and_the_rest_goes_on(room: Path, tmp_path: Path) ->
     page = (tmp_path / "out" / "report.html").read_text()
     assert "<h2>Failures</h2>" in page
     assert "99 bytes are no" in page
+
+
+def test_half_a_camera_is_told_on_every_door(room: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The last frame alone is chosen: that it is frozen shows the frame before it, which is not."""
+    broken = with_half_a_camera(recorded(room / "dive"))
+    write_bag(room / "half", broken)
+    arguments_ = [word for word in arguments(room, tmp_path / "out", dive="half") if word != "--quiet"]
+    assert main(arguments_) == 0
+    rows = table(tmp_path / "out" / "frames.csv")
+    assert [row["warnings"] for row in rows] == ["", "region.dead", *[""] * (FRAMES - 3), "region.frozen"]
+    made = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert [(w["code"], w["frames"], w["first_frame"]) for w in made["warnings"]] == [
+        ("region.dead", 1, 1), ("region.frozen", 1, FRAMES - 1)
+    ]  # fmt: skip
+    said = capsys.readouterr().err
+    for number, text in ((1, "shows nothing"), (FRAMES - 1, "is that of the frame before")):
+        assert f"frame {number}: right camera: " in said
+        assert text in said
+        assert text in (tmp_path / "out" / "report.html").read_text()
+    valid = np.isfinite(read_disparity(tmp_path / "out" / "disparity" / "000001.pfm"))
+    assert valid[:28].mean() > 0.3
+    assert not valid[40:].any()
+    last = ["--start", str((broken[-1].stamp_ns - broken[0].stamp_ns) / 1e9 - 0.01)]
+    assert main([*arguments(room, tmp_path / "last", dive="half"), *last]) == 0
+    assert [row["warnings"] for row in table(tmp_path / "last" / "frames.csv")] == ["region.frozen"]
 
 
 def test_a_bag_cut_short_is_surveyed_as_far_as_it_goes(room: Path, tmp_path: Path) -> None:

@@ -91,9 +91,9 @@ class RegionWatch:
         return found
 
 
-def find_regions(pair: StereoPair) -> Regions:
-    """Find what a single pair does not show; frozen parts need the frame before, see `RegionWatch`."""
-    return _find(_grays(pair), None)
+def find_regions(pair: StereoPair, before: StereoPair | None = None) -> Regions:
+    """Find what a pair does not show; what is frozen, with the pair before it. See `RegionWatch`."""
+    return _find(_grays(pair), None if before is None else _grays(before))
 
 
 def _grays(pair: StereoPair) -> Grays:
@@ -237,7 +237,7 @@ def _only_in(blocks: tuple[Blocks, Blocks], camera: int) -> Blocks:
     kept = np.zeros_like(mine)
     for part in _parts(mine, _NOISE_SMALLEST):
         if other.sum() < _ALSO * part.sum():
-            kept |= part
+            kept |= _with_rim(part, 1)
     return kept
 
 
@@ -247,8 +247,14 @@ def _wide(blank: tuple[Blocks, Blocks]) -> tuple[Blocks, Blocks]:
     for mine, found in zip(_unlike_the_other(blank), kept, strict=True):
         for part in _parts(mine, _NOISE_SMALLEST):
             if _is_wide(part):
-                found |= cv2.dilate(part.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+                found |= _with_rim(part, 2)
     return kept[0], kept[1]
+
+
+def _with_rim(part: Blocks, width: int) -> Blocks:
+    """With blocks that are only partly so, `width` of them."""
+    side = 2 * width + 1
+    return np.asarray(cv2.dilate(part.astype(np.uint8), np.ones((side, side), np.uint8)) > 0)
 
 
 def _is_wide(part: Blocks) -> bool:

@@ -70,8 +70,8 @@ def tie_points_of(task: Task) -> TiePoints | str:
     """Tie points of one frame, or why there are none."""
     shop = _enter(task)
     try:
-        pair = shop.stages.preprocess(shop.reader.read(task.frame))
-        return find_tie_points(pair, shop.plan.pipeline.rectify)
+        enhanced = shop.stages.enhance(shop.reader.read(task.frame), shop.reader.read_before(task.frame))
+        return find_tie_points(enhanced, shop.plan.pipeline.rectify)
     except (OSError, MemoryError, SurveyError):
         raise
     except Exception as error:  # whatever it is, other frames may do
@@ -97,8 +97,8 @@ def reconstruct_frame(task: Task) -> Row:
     pair: StereoPair | None = None
     try:
         with timed("read"):
-            pair = shop.reader.read(frame)
-        products = shop.stages(pair, shop.rectification(frame), timed)
+            pair, before = shop.reader.read(frame), shop.reader.read_before(frame)
+        products = shop.stages(pair, shop.rectification(frame), timed, before)
         row |= {"status": "ok", "reason": "", **describe(products)}
         files = _write_products(shop, frame, products, row)
     except (OSError, MemoryError, SurveyError):

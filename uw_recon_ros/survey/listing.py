@@ -65,13 +65,26 @@ def list_frames(sources: list[Source], params: SurveyParams, given: StereoCalibr
             continue
         _note_backward_steps(source, found, listing.notes)
         listing.frames += found
-    listing.frames = [replace(frame, number=number) for number, frame in enumerate(listing.frames)]
+    listing.frames = _numbered(listing.frames)
     listing.pairs = len(listing.frames)
     if not listing.frames:
         raise BagError("no stereo pairs: " + "; ".join([*listing.unreadable, *listing.notes]))
     listing.frames = choose(listing.frames, params)
     listing.calibrations = rigs.calibrations
     return listing
+
+
+def _numbered(frames: list[Frame]) -> list[Frame]:
+    """The frames with their numbers, each knowing the one before it."""
+    befores = [None, *frames[:-1]]
+    return [
+        replace(
+            frame,
+            number=number,
+            before=(before.left, before.right) if before is not None and before.source == frame.source else None,
+        )
+        for number, (frame, before) in enumerate(zip(frames, befores, strict=True))
+    ]
 
 
 def choose(frames: list[Frame], params: SurveyParams) -> list[Frame]:

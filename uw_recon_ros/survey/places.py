@@ -39,6 +39,8 @@ class Frame:
     left, right : Place
     rig : int
         Index into the calibrations; -1: none.
+    before : (Place, Place) or None
+        Left and right of the pair before it in the same source.
     """
 
     number: int
@@ -47,3 +49,4 @@ class Frame:
     left: Place
     right: Place
     rig: int = -1
+    before: tuple[Place, Place] | None = None

@@ -12,8 +12,10 @@ from typing import Any
 import numpy as np
 
 from uw_recon_ros.errors import EstimationError
+from uw_recon_ros.findings import severe
 from uw_recon_ros.match.stage import Match
 from uw_recon_ros.pipeline import PipelineParams
+from uw_recon_ros.preprocess.regions import find_regions
 from uw_recon_ros.preprocess.stage import Preprocess
 from uw_recon_ros.reconstruct.stage import Reconstruct
 from uw_recon_ros.rectify.params import RectifyParams
@@ -100,13 +102,19 @@ class Stages:
     """The nodes' stages in a row, for a rig whose rectification is known."""
 
     def __init__(self, params: PipelineParams) -> None:
-        self.preprocess = Preprocess(params.preprocess)
+        self._preprocess = Preprocess(params.preprocess)
         self._rectify_params = params.rectify
         self._rectify = Rectify(params.rectify)
         self._match = Match(replace(params.match, match_threads=1))  # the cores are shared out by frames
         self._reconstruct = Reconstruct(params.reconstruct)
 
-    def __call__(self, pair: StereoPair, rectification: Rectification, timed: Stopwatch) -> Products:
+    def enhance(self, pair: StereoPair, before: StereoPair | None) -> EnhancedPair:
+        """Enhance one pair; `before` tells what of it is frozen."""
+        return self._preprocess(pair, find_regions(pair, before))
+
+    def __call__(
+        self, pair: StereoPair, rectification: Rectification, timed: Stopwatch, before: StereoPair | None = None
+    ) -> Products:
         """Reconstruct one pair.
 
         Raises
@@ -115,7 +123,7 @@ class Stages:
             What the images did not allow, with the numbers.
         """
         with timed("preprocess"):
-            enhanced = self.preprocess(pair)
+            enhanced = self.enhance(pair, before)
         with timed("rectify"):
             rectified = self._rectify(enhanced, rectification)
             row_error = measure_rows(enhanced, rectification, self._rectify_params)
@@ -151,6 +159,7 @@ def describe(products: Products) -> dict[str, Any]:
         "method": disparity.method,
         "energy": _finite(disparity.energy),
         "rectification": products.rectified.quality.method,
+        "findings": [finding.as_dict() for finding in severe(products.enhanced.findings)],
     }
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 from uw_recon_ros.bags import BagReader, RawMessage, messages, open_bag
@@ -43,6 +44,15 @@ class Reader:
         with self._lock:
             left, right = self._messages(source, frame)
         return make_pair(messages.decode(left), messages.decode(right), calibration)
+
+    def read_before(self, frame: Frame) -> StereoPair | None:
+        """Read the pair before one; None where there is none, or none that can be read."""
+        if frame.before is None:
+            return None
+        try:
+            return self.read(replace(frame, left=frame.before[0], right=frame.before[1]))
+        except (BagError, ImageError):
+            return None
 
     def _messages(self, source: Source, frame: Frame) -> tuple[RawMessage, RawMessage]:
         places = {(place.name, place.log_ns): place for place in (frame.left, frame.right)}

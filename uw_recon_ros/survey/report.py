@@ -89,6 +89,7 @@ def _top(made: dict[str, Any], rows: list[Row], ok: list[Row]) -> str:
         ("a frame takes", number(_median([row["seconds"] for row in ok]), "s")),
     ]
     warnings = [*made["unreadable"], *made["notes"]]
+    warnings += [f"{w['frames']} frames, first {w['first_frame']}: {w['text']}" for w in made["warnings"]]
     warnings += [f"rig: {text}" for rig in made["rigs"].values() for text in rig["warnings"]]
     if failed:
         warnings.insert(0, f"{failed} of {len(rows)} frames could not be reconstructed: see below.")

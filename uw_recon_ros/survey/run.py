@@ -23,7 +23,7 @@ from uw_recon_ros.survey.report import write_report
 from uw_recon_ros.survey.request import Outcome, Request, settings_of
 from uw_recon_ros.survey.sources import Source, find_sources
 from uw_recon_ros.survey.store import Row, Store, SurveyError
-from uw_recon_ros.survey.tables import frames_csv, report, timing_csv
+from uw_recon_ros.survey.tables import codes, frames_csv, report, timing_csv
 from uw_recon_ros.survey.telling import Teller
 from uw_recon_ros.survey.write import BAG_PARTS
 
@@ -118,12 +118,16 @@ class _Run:
         todo = [frame for frame in self.listing.frames if frame.number not in self.standing]
         before = f", {len(self.standing)} of these are there" if self.standing else ""
         self.teller.line(f"{len(self.listing.frames)} frames{before}; {executor.description}, a frame at a time each")
+        told: set[str] = set()
         results = executor.run(reconstruct_frame, map(hand, todo))
         for task, result in self.teller.watch(results, "frames", len(self.listing.frames), len(self.standing)):
             row = self._lost_row(task.frame, result) if isinstance(result, Lost) else result
             self.store.append(row)
             if row["status"] != "ok":
                 self.teller.line(f"frame {row['frame']}: {row['reason']}")
+            for code in set(codes(row)) - told:
+                told.add(code)
+                self.teller.line(_first_of_its_kind(row, code))
         return rigs
 
     def _prepare(self, executor: Executor) -> tuple[dict[int, Rectification], Callable[[Frame], Any]]:
@@ -195,3 +199,8 @@ class _Run:
             str(self.request.output), len(rows), len(rows) - failed, failed, len(self.standing),
             tuple(self.listing.unreadable), tuple(self.listing.notes), round(time.monotonic() - self.started, 3),
         )  # fmt: skip
+
+
+def _first_of_its_kind(row: Row, code: str) -> str:
+    text = next(finding["text"] for finding in row["findings"] if finding["code"] == code)
+    return f"frame {row['frame']}: {text} (further frames of this kind: frames.csv)"

@@ -22,7 +22,7 @@ from uw_recon_ros.survey.store import Row
 COLUMNS = (
     "frame", "source", "stamp_ns", "status", "reason", "density", "row_error_median_px", "row_error_p95_px",
     *(f"depth_p{q:02d}" for q in QUANTILES), "depth_density", "scale", "points", "triangles",
-    "min_disparity", "max_disparity", "method", "energy", "rectification", "seconds",
+    "min_disparity", "max_disparity", "method", "energy", "rectification", "warnings", "seconds",
 )  # fmt: skip
 STAGE_COLUMNS = ("read", "preprocess", "rectify", "match", "depth", "cloud", "surface", "write")
 #: Columns and files whose bytes differ from run to run.
@@ -33,7 +33,27 @@ _NUMBER = re.compile(r"[0-9]+([.,][0-9]+)*")
 
 def frames_csv(rows: Iterable[Row]) -> bytes:
     """The rows as RFC 4180, numbers to six digits."""
-    return _csv(COLUMNS, ([_text(row.get(name)) for name in COLUMNS] for row in rows))
+    return _csv(COLUMNS, ([_text(_cell(row, name)) for name in COLUMNS] for row in rows))
+
+
+def _cell(row: Row, name: str) -> Any:
+    return " ".join(codes(row)) if name == "warnings" else row.get(name)
+
+
+def codes(row: Row) -> list[str]:
+    """What was found of a frame, by code, each once."""
+    return list(dict.fromkeys(finding["code"] for finding in row.get("findings", [])))
+
+
+def warnings(rows: Iterable[Row]) -> list[dict[str, Any]]:
+    """Every code that occurs, the number of its frames, and the words of the first."""
+    found: dict[str, dict[str, Any]] = {}
+    for row in rows:
+        for code in codes(row):
+            text = next(f["text"] for f in row["findings"] if f["code"] == code)
+            entry = found.setdefault(code, {"code": code, "frames": 0, "first_frame": row["frame"], "text": text})
+            entry["frames"] += 1
+    return sorted(found.values(), key=lambda entry: -entry["frames"])
 
 
 def timing_csv(rows: Iterable[Row]) -> bytes:
@@ -80,6 +100,7 @@ def report(
             "failed": len(rows) - len(ok),
             "reasons": {group[0]["reason"]: len(group) for group in failures(rows)},
         },
+        "warnings": warnings(ok),
         "scale": sorted({row["scale"] for row in ok}),
         "density": _summary(ok, "density"),
         "row_error_median_px": _summary(ok, "row_error_median_px"),
