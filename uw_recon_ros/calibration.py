@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import yaml
 
+from uw_recon_ros import strict_yaml
 from uw_recon_ros.errors import CalibrationError
 from uw_recon_ros.images import write_bytes
 from uw_recon_ros.types import CameraModel, Matrix, StereoCalibration
 
 _DISTORTION_COUNTS = {"plumb_bob": (4, 5), "rational_polynomial": (8, 12, 14), "equidistant": (4,)}
 _LARGEST = 1e9  # px, or px m: what a number of K or P may be
-_MATRICES = {"camera_matrix": (3, 3), "rectification_matrix": (3, 3), "projection_matrix": (3, 4)}
+T = TypeVar("T", dict[str, Any], list[Any], int, str)
+_KINDS: dict[type, str] = {dict: "a mapping", list: "a list of numbers", int: "a whole number", str: "text"}
 
 
 def _matrix(name: str, values: Any, shape: tuple[int, int]) -> Matrix:
@@ -116,16 +118,24 @@ def camera_from_info(info: Any) -> CameraModel:
 def _camera_from_yaml(document: Any, name: str) -> CameraModel:
     if not isinstance(document, dict):
         raise CalibrationError(f"{name}: expected a camera_info mapping, got {type(document).__name__}")
-    try:
-        data = {key: document[key]["data"] for key in (*_MATRICES, "distortion_coefficients")}
-        width, height = int(document["image_width"]), int(document["image_height"])
-    except (KeyError, TypeError, ValueError) as error:
-        raise CalibrationError(f"{name}: expected a camera_info document, missing or wrong: {error}") from error
+    k, d, r, p = (
+        _entry(_entry(document, key, dict, name), "data", list, f"{name}: {key}")
+        for key in ("camera_matrix", "distortion_coefficients", "rectification_matrix", "projection_matrix")
+    )
+    width, height = (_entry(document, key, int, name) for key in ("image_width", "image_height"))
+    model, frame = (_entry({key: "", **document}, key, str, name) for key in ("distortion_model", "frame_id"))
     return make_camera(
-        width=width, height=height, k=data["camera_matrix"], d=data["distortion_coefficients"],
-        r=data["rectification_matrix"], p=data["projection_matrix"],
-        distortion_model=str(document.get("distortion_model", "plumb_bob")), frame_id=str(document.get("frame_id", "")),
-    )  # fmt: skip
+        width=width, height=height, k=k, d=d, r=r, p=p, distortion_model=model or "plumb_bob", frame_id=frame
+    )
+
+
+def _entry(document: dict[str, Any], key: str, kind: type[T], name: str) -> T:
+    """A value that must be there, of a kind."""
+    value = document.get(key)
+    if not isinstance(value, kind) or isinstance(value, bool):
+        told = "nothing" if key not in document else f"{type(value).__name__} {_short(str(value))}"
+        raise CalibrationError(f"{name}: {key}: expected {_KINDS[kind]}, got {told}")
+    return value
 
 
 def read_calibration(path: str | Path) -> StereoCalibration:
@@ -137,9 +147,9 @@ def read_calibration(path: str | Path) -> StereoCalibration:
         Naming the file and what is wrong in it.
     """
     try:
-        documents = [d for d in yaml.safe_load_all(Path(path).read_text(encoding="utf-8")) if d is not None]
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise CalibrationError(f"{path}: expected a calibration file, got: {error}") from error
+        documents = [document for document in strict_yaml.read_all(path) if document is not None]
+    except strict_yaml.YamlError as error:
+        raise CalibrationError(f"{path}: expected a calibration file: {error}") from error
     if len(documents) != 2:
         raise CalibrationError(f"{path}: expected two YAML documents (left, right), got {len(documents)}")
     left, right = (_camera_from_yaml(d, f"{path}, {eye}") for d, eye in zip(documents, ("left", "right"), strict=True))

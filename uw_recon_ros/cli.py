@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import TYPE_CHECKING, TypeVar
@@ -15,6 +16,7 @@ from uw_recon_ros import __version__
 from uw_recon_ros.errors import ReconError
 from uw_recon_ros.progress import progress, say
 from uw_recon_ros.survey.command import add_survey
+from uw_recon_ros.system_errors import explain, our_fault
 
 if TYPE_CHECKING:
     from uw_recon_ros.pipeline import PipelineParams
@@ -111,7 +113,11 @@ def _evaluate(args: argparse.Namespace) -> int:
     from uw_recon_ros.images import read_image, to_gray
 
     mask = to_gray(read_image(args.mask)) == 255 if args.mask else None
-    result = evaluate(read_disparity(args.estimate), read_disparity(args.truth), mask)
+    estimate, truth = read_disparity(args.estimate), read_disparity(args.truth)
+    try:
+        result = evaluate(estimate, truth, mask)
+    except ValueError as error:
+        raise ReconError(f"{args.estimate}, {args.truth}: {error}") from error
     say(as_table(result))
     sys.stdout.write(json.dumps(result.as_dict()) + "\n")
     return OK
@@ -273,10 +279,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         code: int = args.run(args)
     except _UsageError as error:
         return _fail(error, USAGE)
-    except (ReconError, OSError, ValueError) as error:
+    except ReconError as error:
         return _fail(error, FAILED)
+    except BrokenPipeError:  # whoever reads our output has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAILED
+    except OSError as error:
+        return _fail(explain(error), FAILED)
+    except MemoryError:
+        return _fail("no memory is left: close some programs, take smaller images, or use fewer jobs", FAILED)
     except KeyboardInterrupt:
         return _fail("interrupted", FAILED)
+    except Exception as error:
+        return _fail(our_fault(error), FAILED)
     return code
 
 

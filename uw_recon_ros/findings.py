@@ -26,7 +26,9 @@ class Code(str, Enum):
     IMAGE = "image"
     MESSAGE = "message"
     TRAJECTORY = "trajectory"
+    YAML = "yaml"
     # matching
+    MATCH_NOTHING = "match.nothing"
     MATCH_NOTHING_SEEN = "match.nothing_seen"
     # rectification
     RECTIFY_CALIBRATED_IN_AIR = "rectify.calibrated_in_air"

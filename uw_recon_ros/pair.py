@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from uw_recon_ros.calibration import read_calibration
-from uw_recon_ros.errors import ImageError, ReconError
+from uw_recon_ros.errors import EstimationError, ImageError, ReconError
 from uw_recon_ros.evaluate import write_pfm
-from uw_recon_ros.findings import severe
+from uw_recon_ros.findings import Code, severe
 from uw_recon_ros.images import read_image, write_bytes, write_image
 from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.pipeline import Pipeline, PipelineParams, Result
@@ -115,6 +115,17 @@ def _claim(output: Path, overwrite: bool) -> None:
     output.mkdir(parents=True, exist_ok=True)
 
 
+def _expect_surface(result: Result, left: str | Path, right: str | Path) -> None:
+    """Refuse what would be files without content."""
+    if not len(result.surface.faces):
+        points = int(np.isfinite(result.cloud.points).all(axis=-1).sum())
+        raise EstimationError(
+            f"{left}, {right}: expected depth on many pixels, got {points} points and no surface: do both show the "
+            "same scene, sharp and lit, left and right not exchanged? The enhanced images show what was matched",
+            Code.MATCH_NOTHING,
+        )
+
+
 def reconstruct_files(
     left: str | Path,
     right: str | Path,
@@ -138,6 +149,7 @@ def reconstruct_files(
     tell_if_cold(say)
     try:
         result = Pipeline(params)(pair, announce=lambda stage: say(f"{stage} ..."))
+        _expect_surface(result, left, right)
     except ReconError as error:
         enhanced = Preprocess(params.preprocess)(pair)
         write_image(output / "left_enhanced.png", enhanced.left)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
-import yaml
+from uw_recon_ros import strict_yaml
 
 _SPEC = "uw_recon_spec"
 P = TypeVar("P", bound="Params")
@@ -155,15 +155,12 @@ def read_parameter_file(path: str | Path, node_names: Iterable[str]) -> dict[str
     Raises
     ------
     ValueError
-        The file is not a ROS parameter file.
-    OSError
-        It cannot be read.
+        The file cannot be read, or is not a ROS parameter file.
     """
-    text = Path(path).read_text(encoding="utf-8")
     try:
-        document = yaml.safe_load(text) or {}
-    except yaml.YAMLError as error:
-        raise ValueError(f"{path}: expected a ROS parameter file, got invalid YAML: {error}") from error
+        document = strict_yaml.read(path) or {}
+    except strict_yaml.YamlError as error:
+        raise ValueError(f"{path}: expected a ROS parameter file: {error}") from error
     wanted = set(node_names)
     merged: dict[str, Any] = {}
     for section, body in document.items() if isinstance(document, dict) else [(None, None)]:

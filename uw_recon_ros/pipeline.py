@@ -56,7 +56,7 @@ def read_values(path: str | Path) -> dict[str, Any]:
 
     Raises
     ------
-    OSError, ValueError
+    ValueError
         The file cannot be read, or is no parameter file.
     """
     values = read_parameter_file(path, [*NODES, "pipeline_node"])

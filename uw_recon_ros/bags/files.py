@@ -9,19 +9,19 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-import yaml
 import zstandard
 
+from uw_recon_ros import strict_yaml
 from uw_recon_ros.bags.mcap_file import McapFile
 from uw_recon_ros.bags.mcap_index import MAGIC as MCAP_MAGIC
 from uw_recon_ros.bags.model import Storage
 from uw_recon_ros.bags.sqlite_file import SqliteFile
 from uw_recon_ros.errors import BagError
+from uw_recon_ros.file_kinds import HEAD, describe
+from uw_recon_ros.system_errors import reason
 
 _SQLITE_MAGIC = b"SQLite format 3\0"
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
-_ROS1_MAGIC = b"#ROSBAG V"
-_LARGEST_METADATA = 2**20  # bytes; and not by libyaml, which deep nesting crashes
 _MOST_UNPACKED, _LEAST_LIMIT = 1000, 2**28  # times its own size, and bytes: what a compressed file may become
 
 _SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
@@ -72,7 +72,7 @@ def open_files(path: Path) -> BagFiles:
             raise BagError(f"{path}: nothing in it can be read: {'; '.join(files.damage)}")
     except OSError as error:
         files.close()
-        raise BagError(f"{path}: expected a bag, cannot be read: {error.strerror or error}") from error
+        raise BagError(f"{path}: expected a bag, cannot be read: {reason(error)}") from error
     except BaseException:
         files.close()
         raise
@@ -107,18 +107,14 @@ def _find(folder: Path, name: str) -> Path:
 
 def _read_metadata(path: Path) -> dict[str, Any]:
     try:
-        if path.stat().st_size > _LARGEST_METADATA:
-            raise BagError(f"{path.name}: not a rosbag2 description (more than {_LARGEST_METADATA} bytes)")
-        metadata = yaml.safe_load(path.read_bytes())["rosbag2_bagfile_information"]
-        names = metadata["relative_file_paths"]
-        if not (isinstance(names, list) and all(isinstance(name, str) for name in names)):
-            raise TypeError("relative_file_paths is not a list of names")
-    except OSError as error:
-        raise BagError(f"{path.name}: not there or not readable ({error.strerror})") from error
-    except (yaml.YAMLError, ValueError, KeyError, TypeError, RecursionError) as error:
-        reason = " ".join(ascii(str(error)[:200])[1:-1].replace("\\n", " ").split())
-        raise BagError(f"{path.name}: not a rosbag2 description ({type(error).__name__}: {reason[:80]})") from error
-    return dict(metadata)
+        document = strict_yaml.read(path)
+    except strict_yaml.YamlError as error:
+        raise BagError(f"{path.name}: expected a rosbag2 description: {error}") from error
+    metadata = document.get("rosbag2_bagfile_information") if isinstance(document, dict) else None
+    names = metadata.get("relative_file_paths") if isinstance(metadata, dict) else None
+    if not (isinstance(metadata, dict) and isinstance(names, list) and all(isinstance(name, str) for name in names)):
+        raise BagError(f"{path.name}: expected a rosbag2 description, it names no list of relative_file_paths")
+    return metadata
 
 
 def _open_one(path: Path, files: BagFiles, alone: bool) -> None:
@@ -137,24 +133,18 @@ def _by_content(path: Path, files: BagFiles) -> Storage:
     name = path.name
     try:
         with path.open("rb") as stream:
-            head = stream.read(16)
+            head = stream.read(HEAD)
         if head.startswith(_ZSTD_MAGIC):
             path = _unpack(path, files)
             with path.open("rb") as stream:
-                head = stream.read(16)
+                head = stream.read(HEAD)
         if head.startswith(MCAP_MAGIC):
             return McapFile(path, name)
         if head.startswith(_SQLITE_MAGIC):
             return SqliteFile(path, name)
     except OSError as error:
-        raise BagError(f"{path}: expected a bag, cannot be read: {error.strerror or error}") from error
-    if head.startswith(_ROS1_MAGIC):
-        raise BagError(f"{path}: expected a ROS 2 bag, got a ROS 1 bag (convert it with rosbags-convert)")
-    raise BagError(f"{path}: expected an MCAP or SQLite bag, got {_describe(head)}")
-
-
-def _describe(head: bytes) -> str:
-    return f"a file that begins with {head[:8]!r}" if head else "an empty file"
+        raise BagError(f"{path}: expected a bag, cannot be read: {reason(error)}") from error
+    raise BagError(f"{path}: expected a ROS 2 bag (MCAP or SQLite), got {describe(head)}")
 
 
 def _unpack(path: Path, files: BagFiles) -> Path:

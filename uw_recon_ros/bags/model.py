@@ -6,14 +6,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-import yaml
+from uw_recon_ros import strict_yaml
 
 #: Log times from here on are beyond what ROS's 32 bits of seconds can say.
 LATEST_NS = 2**31 * 1_000_000_000
 _LONGEST_NAME = 255
 _LONGEST_NOTE = 500
 _MOST_NOTES = 1000
-_LONGEST_QOS = 65_536  # characters
+LONGEST_QOS = 16_384  # characters; one publisher's take some 300
 _DEEPEST = 1000  # messages; middleware makes room for them
 
 
@@ -129,8 +129,8 @@ _QOS_NAMES: dict[str, dict[Any, str]] = {
 def parse_qos(recorded: Any) -> tuple[QosProfile, ...]:
     """Read the ``offered_qos_profiles`` of a bag: YAML text or a list, with numbers or names; rubbish gives none."""
     try:
-        entries = yaml.safe_load(recorded[:_LONGEST_QOS]) if isinstance(recorded, str) else recorded
-    except (yaml.YAMLError, RecursionError, ValueError):  # ValueError: an impossible date, say
+        entries = strict_yaml.load(recorded[:LONGEST_QOS]) if isinstance(recorded, str) else recorded
+    except strict_yaml.YamlError:
         return ()
     return tuple(_profile(entry) for entry in entries if isinstance(entry, dict)) if isinstance(entries, list) else ()
 

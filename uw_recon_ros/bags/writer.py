@@ -18,6 +18,7 @@ from rosbags.rosbag2.storage_mcap import McapWriter
 from uw_recon_ros.bags import messages
 from uw_recon_ros.bags.model import QosProfile, RawMessage
 from uw_recon_ros.errors import BagError
+from uw_recon_ros.system_errors import reason
 from uw_recon_ros.types import CameraModel
 
 _METADATA_VERSION: Final = 8  # the newest that Humble reads
@@ -50,7 +51,7 @@ class BagWriter:
             self.path.absolute().parent.mkdir(parents=True, exist_ok=True)
             self._partial = Path(tempfile.mkdtemp(prefix=f".{self.path.name}.", dir=self.path.absolute().parent))
         except OSError as error:
-            raise BagError(f"{path}: cannot be written: {error.strerror}") from error
+            raise BagError(f"{path}: cannot be written: {reason(error)}") from error
         inner = self._partial / self.path.name.removesuffix(".mcap")
         self._writer = Writer(inner, version=_METADATA_VERSION, storage_plugin=StoragePlugin.MCAP)
         self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
@@ -98,7 +99,7 @@ class BagWriter:
             else:
                 self._writer.abort()
         except OSError as failure:
-            raise BagError(f"{self.path}: cannot be written: {failure.strerror or failure}") from failure
+            raise BagError(f"{self.path}: cannot be written: {reason(failure)}") from failure
         finally:
             shutil.rmtree(self._partial, ignore_errors=True)
 

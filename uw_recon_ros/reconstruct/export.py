@@ -33,6 +33,8 @@ def write_ply(path: str | Path, shape: PointCloud | Surface) -> None:
 
     Raises
     ------
+    ReconError
+        A cloud without any such point.
     OSError
         The file cannot be written.
     """
@@ -42,6 +44,8 @@ def write_ply(path: str | Path, shape: PointCloud | Surface) -> None:
 def _cloud_ply(cloud: PointCloud) -> bytes:
     points = cloud.points.reshape(-1, 3)
     there = np.isfinite(points).all(axis=1)
+    if not there.any():
+        raise ReconError("cloud: expected at least one point with coordinates, got none: too little was matched")
     drawn = trimesh.PointCloud(points[there], colors=_opaque(cloud.colors.reshape(-1, 3)[there]))
     if cloud.normals is not None:
         drawn.vertex_normals = np.nan_to_num(cloud.normals.reshape(-1, 3)[there])

@@ -15,6 +15,7 @@ from uw_recon_ros.errors import BagError, ImageError
 from uw_recon_ros.images import read_image
 from uw_recon_ros.survey.places import Frame, Place
 from uw_recon_ros.survey.sources import Source
+from uw_recon_ros.system_errors import reason
 from uw_recon_ros.types import StereoCalibration, StereoPair
 
 _TOGETHER_NS = 500_000_000  # images recorded further apart are looked up one by one
@@ -63,7 +64,7 @@ class Reader:
             bag = self._bag(source)
             found = [m for span in spans for m in bag.raw_messages([name for name, _ in places], span)]
         except OSError as error:
-            raise BagError(f"{source.name}: cannot be read: {error.strerror or error}") from error
+            raise BagError(f"{source.name}: cannot be read: {reason(error)}") from error
         return _pick(found, frame.left), _pick(found, frame.right)
 
     def _bag(self, source: Source) -> BagReader:

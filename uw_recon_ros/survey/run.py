@@ -26,6 +26,7 @@ from uw_recon_ros.survey.store import Row, Store, SurveyError
 from uw_recon_ros.survey.tables import codes, frames_csv, report, timing_csv
 from uw_recon_ros.survey.telling import Teller
 from uw_recon_ros.survey.write import BAG_PARTS
+from uw_recon_ros.system_errors import explain
 
 _FINISHED = "finished.json"
 
@@ -106,10 +107,8 @@ class _Run:
             rigs = self._reconstruct(executor)
             self._finish(rigs, executor.description)
         except (OSError, MemoryError) as error:
-            reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
-            raise SurveyError(
-                f"{self.request.output}: stopped: {reason}; the same command goes on from there"
-            ) from error
+            told = explain(error) if isinstance(error, OSError) else "no memory is left: use fewer jobs"
+            raise SurveyError(f"{self.request.output}: stopped: {told}; the same command goes on from there") from error
         finally:
             executor.close()
 

@@ -11,6 +11,8 @@ from typing import Literal
 from uw_recon_ros.bags.files import natural_order
 from uw_recon_ros.bags.pack import find_images
 from uw_recon_ros.errors import BagError
+from uw_recon_ros.file_kinds import describe_file
+from uw_recon_ros.system_errors import reason, told_as
 
 EYE_FOLDERS = (("left", "right"), ("cam0", "cam1"), ("camera0", "camera1"), ("l", "r"), ("0", "1"))
 _BAG_SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
@@ -50,7 +52,14 @@ def find_sources(paths: Iterable[str | Path]) -> list[Source]:
 def _sources_at(path: Path) -> list[Source]:
     if not path.exists():
         raise BagError(f"{path}: expected a bag or a folder, there is no such file or folder")
+    with told_as(BagError, path, "a bag or a folder"):
+        return _sources_in(path)
+
+
+def _sources_in(path: Path) -> list[Source]:
     own = _source(path)
+    if own is None and not path.is_dir():
+        raise BagError(f"{path}: expected a ROS 2 bag (a folder, .mcap or .db3), got {describe_file(path)}")
     if own and not _holds_bag_folders(path):
         return [own]
     inside = [_source(child) for child in sorted(path.iterdir(), key=natural_order)]
@@ -129,5 +138,5 @@ def sha256(path: str | Path, on_bytes: Callable[[int], None] = lambda count: Non
                 digest.update(block)
                 on_bytes(len(block))
     except OSError as error:
-        raise BagError(f"{path}: cannot be read: {error.strerror or error}") from error
+        raise BagError(f"{path}: cannot be read: {reason(error)}") from error
     return digest.hexdigest()
