@@ -7,16 +7,17 @@ ros2 launch uw_recon_ros uw_recon.launch.py bag:=/path/bag rviz:=true overrides:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import yaml
 from ament_index_python.packages import get_package_share_directory
-from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown, TimerAction
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch_ros.actions import Node
 
 from launch import LaunchContext, LaunchDescription
+from uw_recon_ros.params import read_parameter_file
 
 PACKAGE = "uw_recon_ros"
 STAGES = ("preprocess_node", "rectify_node", "disparity_node", "point_cloud_node")
@@ -35,12 +36,14 @@ SHOWN = (
     "points_unscaled",
     "surface",
 )
-LINGER_S = 3.0  # after the bag's end, for the last pair to come through
+REFUSED = 2  # exit code of a node that does not take its parameters
 
 
-@dataclass(frozen=True)
-class Argument:
-    """A launch argument: name, default, what it is for, and what it may be."""
+class Argument(NamedTuple):
+    """A launch argument: name, default, what it is for, and what it may be.
+
+    No dataclass: launch executes this file as a module that is never in ``sys.modules``, where none can be made.
+    """
 
     name: str
     default: str
@@ -69,7 +72,9 @@ ARGUMENTS = (
     Argument("bag", "", "Bag to replay (rosbag2 folder or .mcap); none: live cameras."),
     Argument("rate", "1.0", "Speed of the replay."),
     Argument("loop", "false", "Whether the replay begins again at its end.", YES_OR_NO),
-    Argument("shutdown_after_bag", "false", "Whether everything ends soon after the bag.", YES_OR_NO),
+    Argument("wait_limit", "30.0", "Seconds the replay waits for a listener before it begins anyway; 0: for ever."),
+    Argument("shutdown_after_bag", "false", "Whether all ends once the bag's last pair has come through.", YES_OR_NO),
+    Argument("drain_limit", "300.0", "Seconds that the last pair may take with shutdown_after_bag."),
     Argument("respawn", "false", "Whether a node that died is started again.", YES_OR_NO),
     Argument("rviz", "false", "Whether RViz shows it all.", YES_OR_NO),
     Argument("fixed_frame", "", "RViz's fixed frame, e.g. the camera's; none: the configuration's."),
@@ -81,13 +86,31 @@ def config(name: str) -> str:
     return str(Path(get_package_share_directory(PACKAGE)) / "config" / name)
 
 
+def check(given: dict[str, str]) -> None:
+    """Refuse, in one line, a file or bag that is not there: launch itself would start nodes on other values."""
+    if path := given["params_file"]:
+        try:
+            read_parameter_file(path, (*STAGES, COMPOSED))
+        except (OSError, ValueError) as error:
+            reason = " ".join(str(getattr(error, "strerror", None) or error).split())
+            raise RuntimeError(f"params_file: expected a ROS parameter file, got {path}: {reason}") from error
+    if given["bag"] and not Path(given["bag"]).exists():
+        raise RuntimeError(f"bag: expected a rosbag2 folder or .mcap file, got {given['bag']}: no such file")
+
+
+def overrides(text: str) -> dict[str, Any]:
+    try:
+        values = yaml.safe_load(text) or {}
+    except yaml.YAMLError:
+        values = None
+    if not isinstance(values, dict):
+        raise RuntimeError(f"overrides: expected a YAML mapping, e.g. '{{max_disparity: 63}}', got {text!r}")
+    return values
+
+
 def parameters(given: dict[str, str]) -> list[Any]:
     """Parameter files and values, later ones win: defaults or file, preset, single ones."""
-    values = yaml.safe_load(given["overrides"]) or {}
-    if not isinstance(values, dict):
-        raise RuntimeError(
-            f"overrides: expected a YAML mapping, e.g. '{{max_disparity: 63}}', got {given['overrides']!r}"
-        )
+    values = overrides(given["overrides"])
     if given["effort"]:
         values["effort"] = given["effort"]
     values["use_sim_time"] = given["use_sim_time"] == "true" or (given["use_sim_time"] == "auto" and bool(given["bag"]))
@@ -108,15 +131,32 @@ def remappings(given: dict[str, str]) -> list[tuple[str, str]]:
 
 def player(given: dict[str, str], common: dict[str, Any]) -> Node:
     """The bag player, which has the topics of the bag."""
+    ends = given["shutdown_after_bag"] == "true"
+    waiting = ["--wait-for-subscribers", "--wait-limit", given["wait_limit"]]
     loop = ["--loop"] if given["loop"] == "true" else []
-    ending = [TimerAction(period=LINGER_S, actions=[Shutdown(reason="the bag has ended")])]
+    drain = ["--drain-limit", given["drain_limit"]] if ends else []
     return Node(
         executable=PLAYER,
         name=PLAYER,
-        arguments=[given["bag"], "--rate", given["rate"], "--wait-for-subscribers", *loop],
-        on_exit=ending if given["shutdown_after_bag"] == "true" else None,
+        arguments=[given["bag"], "--rate", given["rate"], *waiting, *loop, *drain],
+        on_exit=when_player_ends(ends),
         **common,
     )
+
+
+def when_player_ends(everything_ends: bool) -> Callable[[Any, LaunchContext], Any]:
+    def handle(event: Any, context: LaunchContext) -> Any:
+        if event.returncode and not context.is_shutdown:
+            raise RuntimeError(f"the bag could not be played: {PLAYER} ended with exit code {event.returncode}")
+        return Shutdown(reason="the bag has ended") if everything_ends else None
+
+    return handle
+
+
+def when_stage_ends(event: Any, context: LaunchContext) -> None:
+    """End everything where a node refuses its parameters: half a graph, or the same again and again, helps nobody."""
+    if event.returncode == REFUSED and not context.is_shutdown:
+        raise RuntimeError(f"{event.process_name}: the node refused its parameters or arguments, see above")
 
 
 def rviz(given: dict[str, str]) -> Node:
@@ -135,6 +175,7 @@ def rviz(given: dict[str, str]) -> Node:
 
 def start(context: LaunchContext) -> list[Node]:
     given = {argument.name: context.launch_configurations[argument.name] for argument in ARGUMENTS}
+    check(given)
     common = {
         "package": PACKAGE,
         "namespace": given["namespace"],
@@ -149,6 +190,7 @@ def start(context: LaunchContext) -> list[Node]:
             remappings=remappings(given),
             respawn=given["respawn"] == "true",
             respawn_delay=1.0,
+            on_exit=when_stage_ends,
             **common,
         )
         for stage in ([COMPOSED] if given["composed"] == "true" else STAGES)

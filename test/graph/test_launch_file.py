@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import re
-import runpy
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
 import launch_double
 import pytest
 import yaml
-from launch_double import LaunchContext, Node, Shutdown
+from launch_double import LaunchContext, Node, ProcessExited, Shutdown
 from ros_bench import banded_pair, calibration
 from sensor_msgs.msg import PointCloud2
 
@@ -36,7 +38,7 @@ def launch(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "prefix"))
 
     def execute(**given: str) -> list[Node]:
-        *arguments, start = runpy.run_path(str(FILE))["generate_launch_description"]().entities
+        *arguments, start = launch_double.load(FILE).generate_launch_description().entities
         declared = {argument.name: argument for argument in arguments}
         assert given.keys() <= declared.keys()
         for name, value in given.items():
@@ -88,8 +90,9 @@ def test_parameters_later_ones_win(launch: Any, tmp_path: Path) -> None:
     preset = yaml.safe_load((ROOT / "config" / "navigation.yaml").read_text())["/**"]["ros__parameters"]
     assert values(node).items() >= {**preset, "max_disparity": 63, "cloud_voxel": 0.07}.items()
     assert values(launch(effort="balanced", params_file=str(mine))[2])["effort"] == "balanced"
-    with pytest.raises(RuntimeError, match="overrides: expected a YAML mapping"):
-        launch(overrides="7")
+    for text in ("7", "{a: ["):
+        with pytest.raises(RuntimeError, match=r"^overrides: expected a YAML mapping.*$"):
+            launch(overrides=text)
 
 
 @pytest.mark.parametrize("name", [spec.name for cls in ALL_PARAMS for spec in cls.specs()])
@@ -111,20 +114,49 @@ def test_where_the_cameras_topics_are(launch: Any) -> None:
 
 
 def test_a_bag(launch: Any) -> None:
-    *stages, player = launch(bag="/some/bag", rate="0.5", loop="true")
+    *stages, player = launch(bag=str(ROOT / "bags" / "amphora"), rate="0.5", loop="true")
     assert player.executable == "bag_player_node"
-    assert player.arguments == ["/some/bag", "--rate", "0.5", "--wait-for-subscribers", "--loop"]
-    assert player.on_exit is None
+    waiting = ["--wait-for-subscribers", "--wait-limit", "30.0"]
+    assert player.arguments == [str(ROOT / "bags" / "amphora"), "--rate", "0.5", *waiting, "--loop"]
+    assert player.on_exit(ProcessExited(0), LaunchContext()) is None
     assert all(values(node)["use_sim_time"] is True for node in stages)
-    assert values(launch(bag="/some/bag", use_sim_time="false")[0])["use_sim_time"] is False
+    assert values(launch(bag=str(ROOT), use_sim_time="false")[0])["use_sim_time"] is False
     assert values(launch(use_sim_time="true")[0])["use_sim_time"] is True
 
 
 def test_all_ends_with_the_bag_where_asked(launch: Any) -> None:
-    player = launch(bag="/some/bag", shutdown_after_bag="true")[-1]
-    (timer,) = player.on_exit
-    assert isinstance(timer.actions[0], Shutdown)
-    assert 0 < timer.period < 10
+    player = launch(bag=str(ROOT), shutdown_after_bag="true", drain_limit="7")[-1]
+    assert player.arguments[-2:] == ["--drain-limit", "7"]
+    assert isinstance(player.on_exit(ProcessExited(0), LaunchContext()), Shutdown)
+
+
+def test_what_cannot_be_played_or_taken_ends_everything_in_one_line(launch: Any, tmp_path: Path) -> None:
+    stage, *_, player = launch(bag=str(ROOT), respawn="true")
+    with pytest.raises(RuntimeError, match=r"^the bag could not be played: .* exit code 1$"):
+        player.on_exit(ProcessExited(1), LaunchContext())
+    with pytest.raises(RuntimeError, match=r"^a_node-1: the node refused its parameters"):
+        stage.on_exit(ProcessExited(2), LaunchContext())
+    for code in (0, 1, -9):  # its neighbours live on, and it comes back where asked to
+        assert stage.on_exit(ProcessExited(code), LaunchContext()) is None
+    stopped = LaunchContext(is_shutdown=True)
+    assert stage.on_exit(ProcessExited(2), stopped) is player.on_exit(ProcessExited(-2), stopped) is None
+
+
+BROKEN = {"no YAML": "a: [", "a list": "[1, 2]", "no section": "cloud_voxel: 0.5", "bytes": "\xff\x00"}
+
+
+@pytest.mark.parametrize("text", BROKEN.values(), ids=BROKEN)
+def test_nodes_never_start_on_defaults_that_nobody_asked_for(launch: Any, tmp_path: Path, text: str) -> None:
+    """The real launch only warns of a file that is missing, and goes on without."""
+    for name, value in (("params_file", tmp_path / "missing"), ("params_file", tmp_path), ("bag", tmp_path / "no")):
+        with pytest.raises(RuntimeError, match=rf"^{name}: expected .*, got {value}: ") as refusal:
+            launch(**{name: str(value)})
+        assert "\n" not in str(refusal.value)
+    broken = tmp_path / "broken.yaml"
+    broken.write_bytes(text.encode("latin-1"))
+    with pytest.raises(RuntimeError, match=r"^params_file: expected a ROS parameter file") as refusal:
+        launch(params_file=str(broken))
+    assert "\n" not in str(refusal.value)
 
 
 def test_rviz(launch: Any) -> None:
@@ -142,10 +174,51 @@ def test_rviz(launch: Any) -> None:
     }
 
 
-@pytest.mark.skipif(importlib.util.find_spec("launch_ros") is None, reason="needs ROS 2's launch")
-def test_ros_launch_reads_it() -> None:
-    description = runpy.run_path(str(FILE))["generate_launch_description"]()
-    assert {argument.name for argument in description.get_launch_arguments()} >= {"bag", "overrides", "namespace"}
+@pytest.mark.skipif(importlib.util.find_spec("launch_ros") is None, reason="needs ROS 2's launch, which is no wheel")
+@pytest.mark.parametrize(
+    "given",
+    [
+        {},
+        {"composed": "true", "namespace": "rov"},
+        {"preset": "navigation", "left_image": "/cam/l"},
+        {"bag": str(ROOT), "loop": "true"},
+    ],
+)
+def test_the_double_is_as_the_real_launch(launch: Any, tmp_path: Path, given: dict[str, str]) -> None:
+    """Loaded by the real launch: the same arguments, and of each node the same command line."""
+    nodes = launch(**given)
+    script = tmp_path / "real.py"
+    script.write_text(REAL)
+    told = subprocess.run(
+        [sys.executable, str(script), str(FILE), json.dumps(given)], capture_output=True, text=True, check=True
+    )
+    for node, command in zip(nodes, json.loads(told.stdout), strict=True):
+        assert with_contents(command) == with_contents(node.command(tmp_path)), node.name
+
+
+REAL = """
+import json, sys
+from launch import LaunchContext
+from launch.launch_description_sources import get_launch_description_from_python_launch_file as load
+from launch.utilities import perform_substitutions
+*arguments, start = load(sys.argv[1]).entities
+context = LaunchContext()
+for argument in arguments:
+    default = perform_substitutions(context, argument.default_value)
+    context.launch_configurations[argument.name] = json.loads(sys.argv[2]).get(argument.name, default)
+commands = []
+for node in start.execute(context):
+    node._perform_substitutions(context)
+    names = {"name": "__node:=" + node.node_name.split("/")[-1], "ns": "__ns:=" + node.expanded_node_namespace}
+    context.extend_locals({"ros_specific_arguments": names})
+    commands.append([perform_substitutions(context, part) for part in node.cmd[1:]])
+print(json.dumps(commands))
+"""
+
+
+def with_contents(command: list[str]) -> list[str]:
+    """A command line with the contents of parameter files in place of their names."""
+    return [json.dumps(yaml.safe_load(Path(part).read_text())) if Path(part).is_file() else part for part in command]
 
 
 @pytest.fixture

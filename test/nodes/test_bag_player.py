@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import Log
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from ros_bench import Bench, texture
@@ -24,6 +26,7 @@ from uw_recon_ros.errors import BagError
 from uw_recon_ros.nodes.bag_player_node import BagPlayerNode
 from uw_recon_ros.nodes.replay import Report, parse, recorded_profile
 from uw_recon_ros.ros import messages
+from uw_recon_ros.ros.diagnostics import IDLE
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -125,6 +128,53 @@ def test_looping_begins_again(bench: Bench, bag: Path, play: Any) -> None:
     play(bag, "--loop", "--rate", "20", "--wait-for", "/left/image_raw")
     bench.spin_until(lambda: len(heard) > 2 * FRAMES)
     assert messages.stamp_ns(heard[FRAMES]) == START
+
+
+def test_it_says_what_it_waits_for_and_gives_up_in_the_end(bench: Bench, bag: Path, play: Any) -> None:
+    said = bench.listen(Log, "/rosout")
+    playing = play(bag, "--rate", "20", "--wait-for-subscribers", "--wait-limit", "1")
+    bench.spin_until(lambda: playing.done)
+    assert playing.node.summary().startswith(f"sent {2 * FRAMES} messages")
+    bench.spin_until(lambda: any("playing all the same" in each.msg for each in said), "the last line")
+    lines = [each.msg for each in said if each.name == "bag_player_node"]
+    assert any(
+        line.startswith("waiting, 1 s at most, for a subscriber to any of /left/image_raw, /right/image_raw")
+        for line in lines
+    )
+
+
+def reporter(bench: Bench, name: str, idle_s: list[float]) -> None:
+    """A stage node that says how long it has been idle: the last of `idle_s`, anew every time."""
+    talk = bench.talk(DiagnosticArray, "/diagnostics")
+    status = DiagnosticStatus(name=name, values=[KeyValue(key=IDLE)])
+
+    def report() -> None:
+        status.values[0].value = f"{idle_s[-1]:.1f}"
+        talk.publish(DiagnosticArray(status=[status]))
+
+    bench.outsider.create_timer(0.2, report)
+
+
+def test_after_the_bag_it_waits_for_whoever_is_at_work(bench: Bench, bag: Path, play: Any) -> None:
+    """The slowest counts, however long the others have been idle."""
+    slow, quick = [0.0], [100.0]
+    for name, idle_s in (("/slow", slow), ("/quick", quick)):
+        reporter(bench, name, idle_s)
+    playing = play(bag, "--rate", "20", "--wait-for", "/left/image_raw", "--drain-limit", "1000")
+    heard = bench.listen(Image, "left/image_raw")
+    bench.spin_until(lambda: len(heard) == FRAMES)
+    bench.spin_for(7.0)
+    assert not playing.done
+    slow.append(3.5)
+    bench.spin_until(lambda: playing.done, "the player to end")
+
+
+def test_it_does_not_wait_for_ever_for_who_is_at_work(bench: Bench, bag: Path, play: Any) -> None:
+    said = bench.listen(Log, "/rosout")
+    reporter(bench, "/stuck", [0.0])
+    playing = play(bag, "--rate", "20", "--drain-limit", "6")
+    bench.spin_until(lambda: playing.done)
+    bench.spin_until(lambda: any(each.msg == "still at work after 6 s: /stuck" for each in said), "who it was")
 
 
 def call(bench: Bench, name: str) -> Any:

@@ -24,7 +24,8 @@ from uw_recon_ros import signals
 from uw_recon_ros.bags.model import LATEST_NS, RawMessage
 from uw_recon_ros.bags.reader import BagReader, open_bag
 from uw_recon_ros.errors import BagError
-from uw_recon_ros.nodes.replay import Report, advertise_recorded, parse, wait_for_listeners
+from uw_recon_ros.nodes.drain import Drain
+from uw_recon_ros.nodes.replay import Listeners, Report, advertise_recorded, parse
 from uw_recon_ros.nodes.timeline import Timeline
 from uw_recon_ros.ros.main import DONE, FAILED, USAGE, leave, start, until_shutdown
 from uw_recon_ros.ros.message_types import message_class
@@ -74,6 +75,8 @@ class BagPlayerNode(Node):  # type: ignore[misc]
             self.create_service(Trigger, f"~/{name}", answer)
             for name, answer in (("pause", self._on_pause), ("resume", self._on_resume), ("step", self._on_step))
         ]
+        if settings.drain_limit:
+            self._drain = Drain(self)
         if settings.clock_rate:
             self._clock_publisher = self.create_publisher(ClockMessage, "/clock", profile(depth=1))
             steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -93,7 +96,8 @@ class BagPlayerNode(Node):  # type: ignore[misc]
                 self._wait_until_due(message)
                 self._send(message)
             if not self._settings.loop:
-                return self._let_arrive()
+                self._let_arrive()
+                return self._let_drain()
             self._timeline.jump(self._begin_ns, time.monotonic())
 
     def summary(self) -> str:
@@ -115,13 +119,11 @@ class BagPlayerNode(Node):  # type: ignore[misc]
         )
 
     def _wait_for_subscribers(self) -> None:
-        if self._settings.wait_for or self._settings.wait_for_subscribers:
-            self.get_logger().info("waiting for subscribers")
+        listeners = Listeners(self.get_logger().info, self._spin, self._settings.wait_limit)
         if self._settings.wait_for:
-            named = [self._players[name] for name in self._settings.wait_for]
-            wait_for_listeners(named, all, 0.0, self._spin)
+            listeners.wait([self._players[name] for name in self._settings.wait_for], all, 0.0)
         if self._settings.wait_for_subscribers:
-            wait_for_listeners(list(self._players.values()), any, _SETTLE_S, self._spin)
+            listeners.wait(list(self._players.values()), any, _SETTLE_S)
 
     def _meet_listeners(self) -> None:
         """Give publishers the time to find the subscribers that the graph knows of; one of other QoS never is."""
@@ -162,6 +164,15 @@ class BagPlayerNode(Node):  # type: ignore[misc]
         for publisher in self._players.values():
             left_s = max(deadline - time.monotonic(), 0.0)
             publisher.wait_for_all_acked(Duration(nanoseconds=round(left_s * 1e9)))
+
+    def _let_drain(self) -> None:
+        """Give the nodes the time to work on the last pair."""
+        if not self._settings.drain_limit:
+            return
+        self.get_logger().info(f"the bag has ended: waiting, {self._settings.drain_limit:g} s at most, for the nodes")
+        gave_up = self._drain.wait(self._settings.drain_limit, lambda: self._spin(_POLL_S))
+        if gave_up is not None:
+            self.get_logger().warning(gave_up)
 
     def _spin(self, timeout_s: float) -> None:
         self._executor.spin_once(timeout_sec=timeout_s)

@@ -25,6 +25,8 @@ _POLL_S = 0.05
 _MOST_LATCHED = 1000
 _MOST_TOPICS = 1000
 _RECENT = 10_000
+_REMIND_S = 10.0
+_MOST_NAMED = 8
 
 
 def parse(args: Sequence[str] | None, about: str | None) -> argparse.Namespace:
@@ -42,6 +44,17 @@ def parse(args: Sequence[str] | None, about: str | None) -> argparse.Namespace:
         "--wait-for-subscribers", action="store_true", help="begin when any topic has one and no more came for a second"
     )
     parser.add_argument("--wait-for", nargs="+", metavar="TOPIC", help="begin when all of these have subscribers")
+    parser.add_argument(
+        "--wait-limit",
+        type=_not_negative,
+        default=0.0,
+        metavar="S",
+        help="begin anyway after S seconds (0: wait for ever)",
+    )
+    parser.add_argument(
+        "--drain-limit", type=_not_negative, default=0.0, metavar="S",
+        help="after the bag wait, at most S seconds, until the nodes have nothing left to do (default 0)",
+    )  # fmt: skip
     parser.add_argument("--clock-rate", type=_not_negative, default=50.0, metavar="HZ", help="of /clock; 0 = none")
     return parser.parse_args(remove_ros_args(sys.argv if args is None else ["", *args])[1:])
 
@@ -108,20 +121,57 @@ def advertise_recorded(node: Node, bag: BagReader, chosen: Sequence[str] | None)
     return publishers
 
 
-def wait_for_listeners(
-    publishers: Sequence[Publisher],
-    enough: Callable[[list[int]], bool],
-    settle_s: float,
-    spin: Callable[[float], None],
-) -> None:
-    """Spin until `enough` holds for the numbers of subscribers, and these have not changed for `settle_s`."""
-    counts: list[int] = []
-    since = time.monotonic()
-    while not counts or not enough(counts) or time.monotonic() - since < settle_s:
-        spin(_POLL_S)
-        before, counts = counts, [publisher.get_subscription_count() for publisher in publishers]
-        if counts != before:
-            since = time.monotonic()
+class Listeners:
+    """Waits for subscribers, and says for which topics it does.
+
+    Parameters
+    ----------
+    say : callable
+        Called with a line when the waiting begins, once in a while, and when it is given up.
+    spin : callable
+        Spins so many seconds.
+    limit_s : float
+        The longest wait, s; 0: for ever.
+    """
+
+    def __init__(self, say: Callable[[str], None], spin: Callable[[float], None], limit_s: float) -> None:
+        self._say, self._spin, self._limit_s = say, spin, limit_s
+
+    def wait(self, publishers: Sequence[Publisher], enough: Callable[[list[int]], bool], settle_s: float) -> bool:
+        """Spin until `enough` holds for the numbers of subscribers, and these have not changed for `settle_s`.
+
+        Returns
+        -------
+        bool
+            False where it was given up.
+        """
+        began = since = time.monotonic()
+        told, counts = 0, list[int]()
+        while not counts or not enough(counts) or time.monotonic() - since < settle_s:
+            self._spin(_POLL_S)
+            before, counts = counts, [publisher.get_subscription_count() for publisher in publishers]
+            now = time.monotonic()
+            since = since if counts == before else now
+            missing = [p.topic_name for p, count in zip(publishers, counts, strict=True) if not count]
+            if self._limit_s and now - began > self._limit_s and not enough(counts):
+                self._say(f"no subscriber to {_some(missing)} in {self._limit_s:g} s: playing all the same")
+                return False
+            if now - began > told * _REMIND_S and not enough(counts):
+                told += 1
+                self._say(self._waiting(missing, "any" if enough is any else "all"))
+        return True
+
+    def _waiting(self, missing: Sequence[str], kind: str) -> str:
+        limit = f"{self._limit_s:g} s at most" if self._limit_s else "without limit"
+        return (
+            f"waiting, {limit}, for a subscriber to {kind} of {_some(missing)}"
+            " (nodes subscribe while somebody listens to what they publish, e.g. points2)"
+        )
+
+
+def _some(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
+    return ", ".join(names[:_MOST_NAMED]) + more
 
 
 class Report:

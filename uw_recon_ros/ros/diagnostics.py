@@ -6,6 +6,7 @@ ten seconds, spreads are of the last fifty frames, numbers of drops since the st
 | key | value |
 | --- | --- |
 | ``state`` | of the lifecycle: ``unconfigured``, ``inactive``, ``active``, ``finalized`` |
+| ``idle [s]`` | how long nothing has come in nor been worked on; 0 while something is under way, warm-up included |
 | ``warm_up`` | ``running`` while kernels are compiled or fetched, then ``done``; absent while unconfigured |
 | ``in TOPIC [Hz]``, ``in groups [Hz]`` | messages received; complete groups (pairs and what goes with them) |
 | ``done [Hz]``, ``out TOPIC [Hz]`` | frames worked on to the end; messages sent |
@@ -27,6 +28,7 @@ from __future__ import annotations
 import math
 import statistics
 import threading
+import time
 from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -41,6 +43,8 @@ DEACTIVATED = "deactivated meanwhile"
 #: What `max_rate_hz` asks for.
 PASSED_OVER = "passed over: more than max_rate_hz"
 _NO_FAULT = (SUPERSEDED, NO_PARTNER, DEACTIVATED, PASSED_OVER)
+#: Key by which others see that nothing is left to do.
+IDLE = "idle [s]"
 _WINDOW_TICKS = 10
 _RECENT = 50
 
@@ -65,11 +69,13 @@ class Diagnostics:
         self._ends: dict[str, str] = {}
         self._problems: dict[str, str] = {}
         self._recent: defaultdict[str, deque[float]] = defaultdict(lambda: deque(maxlen=_RECENT))
+        self._busy_at = time.monotonic()
 
     def count(self, what: str, number: int = 1) -> None:
         """Count events whose rate is shown, e.g. ``in left/image_raw``."""
         with self._lock:
             self._now[what] += number
+            self._busy_at = time.monotonic()
 
     def drop(self, reason: str, text: str = "", number: int = 1) -> None:
         """Count frames given up, with the last one's words."""
@@ -77,6 +83,7 @@ class Diagnostics:
             self._drops[reason] += number
             self._now["skipped" if reason in _NO_FAULT else "failed"] += number
             self._last_drop = text or self._last_drop
+            self._busy_at = time.monotonic()
 
     def measure(self, what: str, value: float) -> None:
         """Note seconds whose median, 95th percentile and maximum are shown, e.g. of ``work``."""
@@ -118,7 +125,9 @@ class Diagnostics:
             for known in (self._facts, self._problems, self._recent, self._ticks, self._now):
                 known.clear()
 
-    def tick(self, name: str, state: str = "active", note: str = "", trouble: str = "") -> DiagnosticStatus:
+    def tick(
+        self, name: str, state: str = "active", note: str = "", trouble: str = "", *, busy: bool = False
+    ) -> DiagnosticStatus:
         """Close the current second and describe everything.
 
         Parameters
@@ -131,12 +140,16 @@ class Diagnostics:
             The message where all is well; by default ``working`` or ``idle``.
         trouble : str
             An error worse than any frame's; shown under ``transition``.
+        busy : bool
+            Whether something waits or is being worked on.
         """
         with self._lock:
+            self._busy_at = time.monotonic() if busy else self._busy_at
+            idle = {IDLE: f"{time.monotonic() - self._busy_at:.1f}"}
             now, self._now = self._now, Counter()
             self._ticks.append(now)
             level, message = (ERROR, trouble) if trouble else self._verdict(now)
-            told = self._facts, self._ends, self._rates(), self._spreads(), self._dropped(), self._problems
+            told = idle, self._facts, self._ends, self._rates(), self._spreads(), self._dropped(), self._problems
             values = {key: value for part in told for key, value in part.items()}
         if trouble:
             values["transition"] = trouble

@@ -31,15 +31,16 @@ class Reporter:
 
     def _report(self) -> None:
         node, session = self._node, self._node.session
-        warming, listeners = False, dict[str, int]()
+        warming, busy, listeners = False, False, dict[str, int]()
         if session is not None:
+            busy = session.busy
             warming, listeners = session.warm_up.running, session.outputs.listeners()
             node.diagnostics.say(warm_up="running" if warming else "done")
             if (news := session.warm_up.news()) is not None:
                 node.get_logger().info(news)
         node.diagnostics.connect(node.inputs.publishers(), listeners)
         note = "warming up: compiling" if warming else ""
-        status = node.diagnostics.tick(node.get_fully_qualified_name(), node.state, note, node.trouble)
+        status = node.diagnostics.tick(node.get_fully_qualified_name(), node.state, note, node.trouble, busy=busy)
         message = DiagnosticArray(status=[status])
         message.header.stamp = node.get_clock().now().to_msg()
         self._publisher.publish(message)

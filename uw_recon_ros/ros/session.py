@@ -91,6 +91,11 @@ class Session(Generic[S]):
         if self._worker.mailbox.put((self.outputs, group)):
             self._diagnostics.drop(SUPERSEDED)
 
+    @property
+    def busy(self) -> bool:
+        """Whether a group waits or is being worked on, or the preparation goes on."""
+        return self.warm_up.running or self._worker.mailbox.busy
+
     def discard(self) -> None:
         """Drop the group that waits."""
         if self._worker.mailbox.clear():

@@ -20,6 +20,13 @@ class Mailbox(Generic[T]):
         self._condition = threading.Condition()
         self._item: T | None = None
         self._closed = False
+        self._fetched = False
+
+    @property
+    def busy(self) -> bool:
+        """Whether an item waits, or whoever fetched the last one has not asked for another yet."""
+        with self._condition:
+            return self._item is not None or self._fetched
 
     def put(self, item: T) -> bool:
         """Leave an item; return whether an older one had to go."""
@@ -32,9 +39,11 @@ class Mailbox(Generic[T]):
     def get(self) -> T | None:
         """Wait for an item and take it; None once the box is closed."""
         with self._condition:
+            self._fetched = False
             while self._item is None and not self._closed:
                 self._condition.wait()
             item, self._item = self._item, None
+            self._fetched = not self._closed
             return None if self._closed else item
 
     def clear(self) -> bool:
