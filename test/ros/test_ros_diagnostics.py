@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import time
+
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from uw_recon_ros.ros.diagnostics import DEACTIVATED, NO_PARTNER, SUPERSEDED, Diagnostics
+from uw_recon_ros.ros.diagnostics import DEACTIVATED, IDLE, NO_PARTNER, SUPERSEDED, Diagnostics
 from uw_recon_ros.ros.throttle import Throttle
 
 
@@ -112,7 +114,22 @@ def test_what_is_forgotten_and_what_is_counted_for_ever() -> None:
     assert status.level == DiagnosticStatus.OK
     assert values(status) == {
         "state": "active", "dropped [Hz]": "0.00", "dropped": "1", "dropped: ImageError": "1",
+        IDLE: values(status)[IDLE],
     }  # fmt: skip
+
+
+def test_idle_since_the_last_that_came_or_was_done(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [100.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    diagnostics = Diagnostics()
+    now[0] += 7
+    assert values(diagnostics.tick("/node"))[IDLE] == "7.0"
+    assert values(diagnostics.tick("/node", busy=True))[IDLE] == "0.0"
+    for happens in (lambda: diagnostics.count("in x"), lambda: diagnostics.drop("ImageError")):
+        now[0] += 5
+        assert values(diagnostics.tick("/node"))[IDLE] == "5.0"
+        happens()
+        assert values(diagnostics.tick("/node"))[IDLE] == "0.0"
 
 
 def test_throttle_holds_back_equal_lines_and_says_how_many() -> None:
