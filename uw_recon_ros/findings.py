@@ -43,6 +43,7 @@ class Code(str, Enum):
     REGION_DEAD = "region.dead"
     REGION_FROZEN = "region.frozen"
     REGION_NOISE = "region.noise"
+    REGION_TORN = "region.torn"
 
     def __str__(self) -> str:
         """The name as it stands in files and on topics."""

@@ -246,6 +246,9 @@ def test_glare_is_part_of_the_scene() -> None:
     right[:70, 60:200] = 255
     assert not find_regions(replace(pair, right=right)).findings
     assert not constant_border(right[..., 0]).any()
+    right[:70, :, 2] = (200 + np.random.default_rng(0).integers(-4, 5, (70, WIDTH))).astype(np.uint8)
+    right[:70, :, :2] = 255  # two channels full, the third nearly even
+    assert not find_regions(replace(pair, right=right)).findings
 
 
 def test_fine_grain_that_both_see_is_no_noise() -> None:

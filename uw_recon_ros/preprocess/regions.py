@@ -102,7 +102,11 @@ def _grays(pair: StereoPair) -> Grays:
 
 
 def _gray(image: RawImage) -> Gray:
-    return image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
+    """The brightest channel: full where any is, so that glare is known, and 0 only where all are."""
+    if image.ndim == 2:
+        return image
+    red, green, blue = cv2.split(image)
+    return np.asarray(cv2.max(cv2.max(red, green), blue))
 
 
 class _Alone(NamedTuple):
@@ -200,7 +204,7 @@ def _without_picture(gray: Gray) -> tuple[Blocks, Blocks]:
 def _unrelated(levels: NDArray[Any]) -> tuple[Blocks, Blocks]:
     """Blocks where pixels further apart along the row hardly differ more than neighbours; by how much these do."""
     near, far = (_mean_difference(levels, lag) for lag in (1, _NOISE_LAG))
-    random = far <= _NOISE_RATIO * near
+    random = (far <= _NOISE_RATIO * near) & (near > 0)
     return np.asarray(random & (near >= _NOISE_LEVEL)), np.asarray(random & (far <= _BLANK_LEVEL))
 
 

@@ -11,6 +11,7 @@ from uw_recon_ros.findings import Code, Finding
 from uw_recon_ros.rectify.calibrated import judged, rectification_from_calibration
 from uw_recon_ros.rectify.params import RectifyParams
 from uw_recon_ros.rectify.rectification import Rectification, exchanged, row_statistics
+from uw_recon_ros.rectify.seam import torn
 from uw_recon_ros.rectify.stereo_info import has_baseline
 from uw_recon_ros.rectify.tie_points import TiePoints, find_tie_points, gathered
 from uw_recon_ros.rectify.uncalibrated import estimate_rectification
@@ -66,7 +67,9 @@ class _CalibratedRig:
             self._frames.clear()
             raise
         self._frames.append(found)
-        self._rectification = judged(self._rectification, gathered(self._frames), self._params)
+        judgement = judged(self._rectification, gathered(self._frames), self._params)
+        warnings = torn(judgement, found) + judgement.quality.warnings
+        self._rectification = judgement.with_quality(replace(judgement.quality, warnings=warnings))
         self._until_watch = self._params.watch_interval
 
 

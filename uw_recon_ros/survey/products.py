@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from uw_recon_ros.errors import EstimationError
-from uw_recon_ros.findings import severe
+from uw_recon_ros.findings import Finding, severe
 from uw_recon_ros.match.stage import Match
 from uw_recon_ros.pipeline import PipelineParams
 from uw_recon_ros.preprocess.regions import find_regions
@@ -20,6 +20,7 @@ from uw_recon_ros.preprocess.stage import Preprocess
 from uw_recon_ros.reconstruct.stage import Reconstruct
 from uw_recon_ros.rectify.params import RectifyParams
 from uw_recon_ros.rectify.rectification import Rectification, row_statistics
+from uw_recon_ros.rectify.seam import torn
 from uw_recon_ros.rectify.stage import Rectify
 from uw_recon_ros.rectify.tie_points import find_tie_points
 from uw_recon_ros.types import (
@@ -68,6 +69,8 @@ class Products:
         Median and 95th percentile of the rows' disagreement in this very pair, px; NaN: too few tie points.
     reconstruct : Reconstruct
     timed : Stopwatch
+    findings : tuple of Finding
+        What somebody should know of this very pair.
     """
 
     enhanced: EnhancedPair
@@ -77,6 +80,7 @@ class Products:
     row_error_px: tuple[float, float]
     reconstruct: Reconstruct
     timed: Stopwatch
+    findings: tuple[Finding, ...] = ()
 
     @cached_property
     def cloud(self) -> PointCloud:
@@ -126,20 +130,27 @@ class Stages:
             enhanced = self.enhance(pair, before)
         with timed("rectify"):
             rectified = self._rectify(enhanced, rectification)
-            row_error = measure_rows(enhanced, rectification, self._rectify_params)
+            row_error, seam = measure_rows(enhanced, rectification, self._rectify_params)
         with timed("match"):
             disparity = self._match(rectified)
         with timed("depth"):
             depth = self._reconstruct.depth(disparity)
-        return Products(enhanced, rectified, disparity, depth, row_error, self._reconstruct, timed)
+        findings = severe(enhanced.findings) + seam
+        return Products(enhanced, rectified, disparity, depth, row_error, self._reconstruct, timed, findings)
 
 
-def measure_rows(pair: EnhancedPair, rectification: Rectification, params: RectifyParams) -> tuple[float, float]:
-    """Median and 95th percentile of the row error of one pair's own tie points, px; NaN where there are too few."""
+def measure_rows(
+    pair: EnhancedPair, rectification: Rectification, params: RectifyParams
+) -> tuple[tuple[float, float], tuple[Finding, ...]]:
+    """Median and 95th percentile of the row error of one pair's own tie points, px, and whether it is torn.
+
+    NaN and nothing where there are too few.
+    """
     try:
-        return row_statistics(rectification.row_errors(find_tie_points(pair, params)))
+        found = find_tie_points(pair, params)
     except EstimationError:
-        return float("nan"), float("nan")
+        return (float("nan"), float("nan")), ()
+    return row_statistics(rectification.row_errors(found)), torn(rectification, found)
 
 
 def describe(products: Products) -> dict[str, Any]:
@@ -159,7 +170,7 @@ def describe(products: Products) -> dict[str, Any]:
         "method": disparity.method,
         "energy": _finite(disparity.energy),
         "rectification": products.rectified.quality.method,
-        "findings": [finding.as_dict() for finding in severe(products.enhanced.findings)],
+        "findings": [finding.as_dict() for finding in products.findings],
     }
 
 
