@@ -90,7 +90,8 @@ def test_rectified_pair_to_disparity_with_json(tmp_path: Path, capsys: pytest.Ca
     arguments = ["disparity", str(tmp_path / "l.png"), str(tmp_path / "r.png"), "-o", str(tmp_path / "d.pfm")]
     assert main([*arguments, "--max-disparity", "8", "--method", "kz2"]) == 0
     numbers = json.loads(capsys.readouterr().out)
-    assert set(numbers) == {"method", "effort", "energy", "seconds", "density", "min_disparity", "max_disparity"}
+    expected = {"method", "effort", "energy", "seconds", "density", "min_disparity", "max_disparity", "warnings"}
+    assert set(numbers) == expected
     assert (numbers["min_disparity"], numbers["max_disparity"]) == (0, 8)
     disparity = read_disparity(tmp_path / "d.pfm")
     assert np.nanmedian(disparity) == 4
@@ -158,3 +159,41 @@ def test_simulate_pack_and_info(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert "/left/image_raw" in capsys.readouterr().out
     assert main(["simulate", "-o", bag, *small]) == 1
     assert "sea" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("damage", ["black", "noise"])
+def test_half_a_camera_is_told_by_name_on_every_door(
+    tmp_path: Path, files: list[str], frame: SimulatedFrame, damage: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    broken = frame.right.copy()
+    part = broken[96:]
+    part[:] = 0 if damage == "black" else np.random.default_rng(0).integers(0, 256, part.shape)
+    write_image(tmp_path / "right.png", broken)
+    out = tmp_path / "out"
+    assert main(["pair", *files, "-o", str(out), "--calibration", str(tmp_path / "rig.yaml")]) == 0
+    words = "right camera: 5"
+    [warning] = json.loads((out / "report.json").read_text())["rectification"]["warnings"]
+    assert warning.startswith(words)
+    assert f"warning: {words}" in capsys.readouterr().err
+    assert words in (out / "index.html").read_text()
+    valid = np.isfinite(read_disparity(out / "disparity.pfm"))
+    half = len(valid) // 2
+    assert valid[: half - 16].mean() > 0.4
+    assert valid[half + 16 :].mean() == 0
+    assert (
+        main(["disparity", *files, "-o", str(tmp_path / "d.pfm"), "--min-disparity", "0", "--max-disparity", "60"]) == 0
+    )
+    printed = capsys.readouterr()
+    assert json.loads(printed.out)["warnings"][0].startswith(words)
+    assert f"warning: {words}" in printed.err
+    assert not np.isfinite(read_disparity(tmp_path / "d.pfm"))[110:].any()
+
+
+def test_a_camera_that_shows_nothing_is_refused_in_one_line(
+    tmp_path: Path, files: list[str], frame: SimulatedFrame, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_image(tmp_path / "right.png", np.zeros_like(frame.right))
+    out = tmp_path / "out"
+    assert main(["pair", *files, "-o", str(out), "--calibration", str(tmp_path / "rig.yaml")]) == 1
+    assert "right image: expected a scene on at least 2% of its pixels, got 0.0%" in capsys.readouterr().err
+    assert json.loads((out / "report.json").read_text())["rectification"]["refused"].startswith("right image")

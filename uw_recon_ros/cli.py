@@ -57,7 +57,13 @@ def _pair(args: argparse.Namespace) -> int:
         f"{args.output}/index.html: row error {rectification['row_error_median_px'] or float('nan'):.2f} px, "
         f"density {matching['density']:.0%}, scale {report['scale']}"
     )
+    _warn(rectification["warnings"])
     return OK
+
+
+def _warn(warnings: Iterable[str]) -> None:
+    for warning in warnings:
+        say(f"warning: {warning}")
 
 
 def _disparity(args: argparse.Namespace) -> int:
@@ -65,7 +71,9 @@ def _disparity(args: argparse.Namespace) -> int:
 
     names = ("min_disparity", "max_disparity", "method", "effort")
     params = _params(args, **{name: getattr(args, name) for name in names})
-    sys.stdout.write(json.dumps(match_files(args.left, args.right, args.output, params.match)) + "\n")
+    report = match_files(args.left, args.right, args.output, params.match)
+    _warn(report["warnings"])
+    sys.stdout.write(json.dumps(report) + "\n")
     return OK
 
 

@@ -18,12 +18,14 @@ from uw_recon_ros.findings import Code, severe
 from uw_recon_ros.images import read_image, write_bytes, write_image
 from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.pipeline import Pipeline, PipelineParams, Result
+from uw_recon_ros.preprocess.regions import find_regions
 from uw_recon_ros.preprocess.stage import Preprocess
 from uw_recon_ros.progress import say
 from uw_recon_ros.reconstruct.export import write_glb, write_ply
 from uw_recon_ros.report.figures import colorize_disparity
 from uw_recon_ros.report.pair import write_pair_page
 from uw_recon_ros.types import RectificationQuality, RectifiedPair, StereoGeometry, StereoPair
+from uw_recon_ros.unseen import blackened
 from uw_recon_ros.warm import tell_if_cold
 
 Report = dict[str, Any]
@@ -175,7 +177,9 @@ def match_files(left: str | Path, right: str | Path, output: str | Path, params:
     height, width = pair.left.shape[:2]
     geometry = StereoGeometry(float(width), (width - 1) / 2, (width - 1) / 2, (height - 1) / 2)
     shown = np.zeros((height, width, 3), np.uint8)  # texture, which matching does without
-    rectified = RectifiedPair(shown, shown, pair.left, pair.right, geometry, RectificationQuality("given"))
+    regions = find_regions(pair)
+    scenes = blackened(pair.left.copy(), regions.left), blackened(pair.right.copy(), regions.right)
+    rectified = RectifiedPair(shown, shown, *scenes, geometry, RectificationQuality("given"))
     match = Match(params)
     tell_if_cold(say)
     match.warm_up()
@@ -191,4 +195,5 @@ def match_files(left: str | Path, right: str | Path, output: str | Path, params:
         "density": result.density,
         "min_disparity": result.min_disparity,
         "max_disparity": result.max_disparity,
+        "warnings": [str(finding) for finding in severe(regions.findings)],
     }
