@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 
+from uw_recon_ros.bounds import LARGEST_IMAGE_FILE
 from uw_recon_ros.errors import ImageError
-from uw_recon_ros.images import write_bytes
+from uw_recon_ros.images import decode_any, write_bytes
+from uw_recon_ros.system_errors import read_bounded
 from uw_recon_ros.types import FloatImage, Mask
 
 THRESHOLDS = (0.5, 1.0, 2.0, 4.0)
@@ -131,13 +132,11 @@ def read_disparity(path: str | Path) -> FloatImage:
     ImageError
     """
     try:
-        data = np.frombuffer(Path(path).read_bytes(), np.uint8)
-    except OSError as error:
-        raise ImageError(f"{path}: expected a disparity map, got: {error.strerror}") from error
-    image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
-    if image is None or image.ndim != 2 or image.dtype != np.float32:
-        got = "something else" if image is None else f"{image.dtype} {image.shape}"
-        raise ImageError(f"{path}: expected a one-channel float32 PFM or TIFF, got {got}")
+        image = decode_any(read_bounded(path, LARGEST_IMAGE_FILE, ImageError))
+    except ImageError as error:
+        raise ImageError(f"{path}: expected a one-channel float32 PFM or TIFF: {error}") from error
+    if image.ndim != 2 or image.dtype != np.float32:
+        raise ImageError(f"{path}: expected a one-channel float32 PFM or TIFF, got {image.dtype} {image.shape}")
     finite: FloatImage = np.where(np.isfinite(image), image, np.float32(np.nan))
     return finite
 

@@ -13,8 +13,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_recon_ros.bounds import LARGEST_IMAGE_FILE, LARGEST_PIXELS
 from uw_recon_ros.errors import ImageError
-from uw_recon_ros.image_header import declared_size
+from uw_recon_ros.image_header import declared_size, pixels_only
+from uw_recon_ros.system_errors import read_bounded
 from uw_recon_ros.types import RawImage
 
 _MAX_SIDE = 65_536
@@ -83,7 +85,14 @@ def _layout(encoding: str) -> _Layout:
 
 
 def decode_image(
-    data: Any, *, height: int, width: int, encoding: str, step: int, is_bigendian: bool | int = False
+    data: Any,
+    *,
+    height: int,
+    width: int,
+    encoding: str,
+    step: int,
+    is_bigendian: bool | int = False,
+    most_pixels: int = LARGEST_PIXELS,
 ) -> RawImage:
     """Turn the fields of a ``sensor_msgs/Image`` into an array.
 
@@ -99,6 +108,8 @@ def decode_image(
         Bytes from row to row, padding included.
     is_bigendian : bool
         Byte order of 16-bit data.
+    most_pixels : int
+        It may have.
 
     Returns
     -------
@@ -113,6 +124,8 @@ def decode_image(
     layout = _layout(encoding)
     if not (0 < height <= _MAX_SIDE and 0 < width <= _MAX_SIDE):
         raise ImageError(f"image size: expected 1 to {_MAX_SIDE} px a side, got {width}x{height}")
+    if width * height > most_pixels:
+        raise ImageError(f"image size: expected at most {most_pixels} px, got {width}x{height} = {width * height}")
     row_bytes = width * layout.channels * layout.dtype.itemsize
     if step < row_bytes:
         raise ImageError(f"step: expected at least {row_bytes} bytes for {width} px of {encoding}, got {step}")
@@ -130,13 +143,34 @@ def decode_image(
     return layout.convert(raw.astype(layout.dtype, copy=False).reshape(height, width, layout.channels))
 
 
-def decode_compressed(data: Any) -> RawImage:
+def decode_any(data: Any, most_pixels: int = LARGEST_PIXELS) -> NDArray[Any]:
+    """Decode an encoded image of any depth, as OpenCV does, within `bounds`.
+
+    Raises
+    ------
+    ImageError
+    """
+    encoded = memoryview(data).cast("B")
+    if not len(encoded):
+        raise ImageError("compressed image: expected JPEG or PNG data, got 0 bytes")
+    width, height = declared_size(encoded, most_pixels)
+    try:
+        image = cv2.imdecode(np.frombuffer(pixels_only(encoded), np.uint8), cv2.IMREAD_UNCHANGED)
+    except (cv2.error, MemoryError) as error:
+        raise ImageError(f"compressed image: {len(encoded)} bytes refused by the decoder") from error
+    if image is None or image.shape[:2] not in ((height, width), (width, height)):  # EXIF may turn it
+        raise ImageError(f"compressed image: {width}x{height} px declared, {len(encoded)} bytes damaged or cut short")
+    return image
+
+
+def decode_compressed(data: Any, most_pixels: int = LARGEST_PIXELS) -> RawImage:
     """Decode the bytes of a ``sensor_msgs/CompressedImage`` or an image file (JPEG, PNG, TIFF ...).
 
     Parameters
     ----------
     data : bytes-like
-        Of an image of at most `image_header.LARGEST_PIXELS`.
+    most_pixels : int
+        It may have; at most `bounds.LARGEST_PIXELS`.
 
     Returns
     -------
@@ -147,16 +181,7 @@ def decode_compressed(data: Any) -> RawImage:
     ------
     ImageError
     """
-    encoded = np.frombuffer(memoryview(data).cast("B"), np.uint8)
-    if not encoded.size:
-        raise ImageError("compressed image: expected JPEG or PNG data, got 0 bytes")
-    width, height = declared_size(encoded.data)
-    try:
-        image = cv2.imdecode(encoded, cv2.IMREAD_UNCHANGED)
-    except cv2.error as error:
-        raise ImageError(f"compressed image: {encoded.size} bytes refused by the decoder") from error
-    if image is None:
-        raise ImageError(f"compressed image: {width}x{height} px declared, {encoded.size} bytes damaged or cut short")
+    image = decode_any(data, most_pixels)
     if image.dtype not in (np.uint8, np.uint16):
         raise ImageError(f"compressed image: expected 8 or 16 bits a channel, got {image.dtype}")
     if image.ndim == 2:
@@ -189,11 +214,9 @@ def read_image(path: str | Path) -> RawImage:
         It is missing, unreadable or not an image; the text names the file.
     """
     try:
-        return decode_compressed(Path(path).read_bytes())
-    except OSError as error:
-        raise ImageError(f"{path}: expected an image file, got: {error.strerror}") from error
+        return decode_compressed(read_bounded(path, LARGEST_IMAGE_FILE, ImageError))
     except ImageError as error:
-        raise ImageError(f"{path}: {error}") from error
+        raise ImageError(f"{path}: expected an image file: {error}") from error
 
 
 def write_image(path: str | Path, image: RawImage) -> None:

@@ -12,17 +12,18 @@ from typing import Any
 import zstandard
 
 from uw_recon_ros import strict_yaml
+from uw_recon_ros.bags.mcap_chunk import reason_of
 from uw_recon_ros.bags.mcap_file import McapFile
 from uw_recon_ros.bags.mcap_index import MAGIC as MCAP_MAGIC
 from uw_recon_ros.bags.model import Storage
 from uw_recon_ros.bags.sqlite_file import SqliteFile
+from uw_recon_ros.bounds import SPARE_BYTES, unpacked_limit
 from uw_recon_ros.errors import BagError
 from uw_recon_ros.file_kinds import HEAD, describe
 from uw_recon_ros.system_errors import reason
 
 _SQLITE_MAGIC = b"SQLite format 3\0"
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
-_MOST_UNPACKED, _LEAST_LIMIT = 1000, 2**28  # times its own size, and bytes: what a compressed file may become
 
 _SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
 
@@ -132,6 +133,7 @@ def _open_one(path: Path, files: BagFiles, alone: bool) -> None:
 def _by_content(path: Path, files: BagFiles) -> Storage:
     name = path.name
     try:
+        given_size = path.stat().st_size
         with path.open("rb") as stream:
             head = stream.read(HEAD)
         if head.startswith(_ZSTD_MAGIC):
@@ -139,7 +141,7 @@ def _by_content(path: Path, files: BagFiles) -> Storage:
             with path.open("rb") as stream:
                 head = stream.read(HEAD)
         if head.startswith(MCAP_MAGIC):
-            return McapFile(path, name)
+            return McapFile(path, name, given_size)
         if head.startswith(_SQLITE_MAGIC):
             return SqliteFile(path, name)
     except OSError as error:
@@ -152,10 +154,7 @@ def _unpack(path: Path, files: BagFiles) -> Path:
     if files.temporary is None:
         files.temporary = tempfile.TemporaryDirectory(prefix="uw_recon_ros-bag-")
     unpacked = Path(files.temporary.name) / f"{len(files.storages)}-{len(files.damage)}"
-    left = min(
-        max(_MOST_UNPACKED * path.stat().st_size, _LEAST_LIMIT),
-        shutil.disk_usage(files.temporary.name).free - _LEAST_LIMIT,
-    )
+    left = min(unpacked_limit(path.stat().st_size), shutil.disk_usage(files.temporary.name).free - SPARE_BYTES)
     with path.open("rb") as packed, unpacked.open("wb") as target:
         try:
             for piece in zstandard.ZstdDecompressor().read_to_iter(packed):
@@ -164,7 +163,7 @@ def _unpack(path: Path, files: BagFiles) -> Path:
                     raise ValueError("larger than any recording, or than the disk")
                 target.write(piece)
         except (zstandard.ZstdError, ValueError) as error:
-            files.damage.append(f"{path.name}: compressed file damaged ({error}): what follows is lost")
+            files.damage.append(f"{path.name}: compressed file damaged ({reason_of(error)}): what follows is lost")
     return unpacked
 
 

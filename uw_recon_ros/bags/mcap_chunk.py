@@ -13,6 +13,8 @@ import lz4.frame  # type: ignore[import-untyped]
 import zstandard
 from mcap.exceptions import McapError
 
+from uw_recon_ros.bounds import OverBudgetError, unpacked_limit
+
 Buffer = bytes | memoryview
 
 #: What a damaged record makes the libraries raise.
@@ -39,7 +41,16 @@ def record_header(data: Buffer, offset: int = 0) -> tuple[int, int]:
 
 def loss(offset: int, error: Exception) -> str:
     """Say that the chunk at byte `offset` is damaged."""
-    return f"chunk at byte {offset} is damaged ({error}): messages lost"
+    return f"chunk at byte {offset} is damaged ({reason_of(error)}): messages lost"
+
+
+def reason_of(error: Exception) -> str:
+    """Why something cannot be read: our own words, never a library's."""
+    if type(error) in (ValueError, OverBudgetError):
+        return str(error)
+    if isinstance(error, MemoryError):
+        return "no memory is left"
+    return "its compressed bytes" if isinstance(error, (zstandard.ZstdError, RuntimeError)) else "its fields"
 
 
 def message_header(content: Buffer) -> tuple[int, int]:
@@ -91,9 +102,15 @@ def claimed_size(content: Buffer) -> int:
     ------
     one of `DAMAGE`
     """
-    size = _split(content)[0]
-    if size > LARGEST:
-        raise ValueError(f"{size} bytes claimed")
+    size, _, _, data = _split(content)
+    return _allowed(size, len(data))
+
+
+def _allowed(size: int, packed: int) -> int:
+    """The claimed size, if that many packed bytes may become so much."""
+    most = min(unpacked_limit(packed), LARGEST)
+    if size > most:
+        raise ValueError(f"{size} bytes claimed, by {packed} packed ones: at most {most} are read")
     return size
 
 
@@ -105,8 +122,7 @@ def inflate(content: Buffer) -> bytes:
     one of `DAMAGE`
     """
     size, crc, compression, data = _split(content)
-    if size > LARGEST:
-        raise ValueError(f"{size} bytes claimed")
+    _allowed(size, len(data))
     records_bytes = _decompress(compression, data, size)
     if len(records_bytes) != size:
         raise ValueError(f"{size} bytes claimed, {len(records_bytes)} there")
@@ -132,6 +148,7 @@ def inflate_rest(content: Buffer) -> bytes:
     size, _, compression, data = _split(content)
     if not compression:
         return bytes(data)
+    most = min(size, unpacked_limit(len(data)), LARGEST)
     if compression == "zstd":
-        return zstandard.ZstdDecompressor().stream_reader(bytes(data)).read(min(size, LARGEST))
-    return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=min(size, LARGEST)))
+        return zstandard.ZstdDecompressor().stream_reader(bytes(data)).read(most)
+    return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=most))

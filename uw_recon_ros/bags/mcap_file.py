@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 
 from mcap.opcode import Opcode
@@ -22,6 +22,7 @@ from uw_recon_ros.bags.model import (
     parse_qos,
     plain,
 )
+from uw_recon_ros.bounds import MOST_QOS_TEXT, MOST_UNPACKED, SPARE_BYTES, Budget
 from uw_recon_ros.errors import BagError
 
 _FOREVER = 2**64
@@ -36,6 +37,8 @@ class McapFile:
     path : path
     name : str
         What damage reports call it.
+    given_size : int or None
+        Of the file that was given, bytes: before it was unpacked to `path`. It bounds what reading may cost.
 
     Attributes
     ----------
@@ -43,8 +46,10 @@ class McapFile:
         What could not be read so far; grows while messages are read.
     """
 
-    def __init__(self, path: Path, name: str) -> None:
+    def __init__(self, path: Path, name: str, given_size: int | None = None) -> None:
         self.damage: list[str] = []
+        self._given_size = path.stat().st_size if given_size is None else given_size
+        self._most_held = min(_MOST_HELD, 4 * SPARE_BYTES + MOST_UNPACKED * self._given_size)
         self._name, self._held = name, 0
         self._stream = path.open("rb")
         try:
@@ -56,15 +61,17 @@ class McapFile:
     def _find_index(self, size: int) -> Index:
         if self._stream.read(len(MAGIC)) != MAGIC:
             raise BagError(f"{self._name}: expected an MCAP file, its first bytes are others")
-        return mcap_index.read_summary(self._stream, size) or mcap_index.scan(self._stream, size, self._note)
+        return mcap_index.read_summary(self._stream, size) or mcap_index.scan(
+            self._stream, size, self._note, Budget.of(self._given_size)
+        )
 
     def _note(self, sentence: str) -> None:
         add_note(self.damage, f"{self._name}: {sentence}")
 
-    @property
+    @cached_property
     def topics(self) -> list[TopicInfo]:
         """Topics in ROS 2's own serialisation; others are reported as damage."""
-        topics = []
+        topics, qos_left = [], MOST_QOS_TEXT
         for number, channel in self._index.channels.items():
             schema = self._index.schemas.get(channel.schema_id)
             if channel.message_encoding != "cdr" or schema is None:
@@ -76,7 +83,12 @@ class McapFile:
                     f"topic {plain(channel.topic)} of type {plain(schema.name)} is left out: no name for a topic"
                 )
                 continue
-            qos = parse_qos(channel.metadata.get("offered_qos_profiles", ""))
+            recorded = channel.metadata.get(mcap_index.QOS, "")
+            qos_left -= len(recorded)
+            if qos_left < 0:
+                self._note("more is said about quality of service than is read: the rest is taken as ROS's default")
+                recorded = ""
+            qos = parse_qos(recorded)
             topics.append(TopicInfo(channel.topic, _type_name(schema.name), self._index.counts[number], qos))
         return merge_topics([topics])
 
@@ -90,10 +102,10 @@ class McapFile:
 
         Chunks without a message in the time `between` are not touched.
         """
-        wanted = self._wanted(topics)
+        wanted, budget = self._wanted(topics), Budget.of(self._given_size)
         start, end = between or (0, _FOREVER)
         chunks = [
-            (block.start_ns, partial(self._chunk, block, wanted))
+            (block.start_ns, partial(self._chunk, block, wanted, budget))
             for block in self._index.chunks
             if (not block.channels or block.channels & wanted.keys())
             and block.start_ns <= end
@@ -122,16 +134,17 @@ class McapFile:
         self._stream.seek(block.offset)
         return self._stream.read(block.length)
 
-    def _chunk(self, block: Block, wanted: dict[int, tuple[str, str]]) -> Iterator[RawMessage]:
+    def _chunk(self, block: Block, wanted: dict[int, tuple[str, str]], budget: Budget) -> Iterator[RawMessage]:
         """Messages of a chunk in order, in memory from the first to the last."""
         size = 0
         try:
             content = self._content(block)
             size = mcap_chunk.claimed_size(content)
-            if self._held + size > _MOST_HELD:
+            if self._held + size > self._most_held:
                 raise ValueError(f"{self._held + size} bytes of overlapping chunks")
             self._held += size
-            yield from self._sorted(block, content, wanted)
+            budget.unpack(size)
+            yield from self._sorted(block, content, wanted, budget)
         except DAMAGE as error:
             size = 0
             if not block.partial:
@@ -139,11 +152,14 @@ class McapFile:
         finally:
             self._held -= size
 
-    def _sorted(self, block: Block, content: bytes, wanted: dict[int, tuple[str, str]]) -> list[RawMessage]:
+    def _sorted(
+        self, block: Block, content: bytes, wanted: dict[int, tuple[str, str]], budget: Budget
+    ) -> list[RawMessage]:
         found: list[RawMessage] = []
         try:
             inside = mcap_chunk.inflate_rest(content) if block.partial else mcap_chunk.inflate(content)
             for opcode, record in mcap_chunk.records(inside):
+                budget.step()
                 if opcode == Opcode.MESSAGE:
                     found += self._message(record, wanted)
         except DAMAGE as error:
@@ -157,7 +173,7 @@ class McapFile:
             try:
                 found = self._message(memoryview(self._content(block)), wanted)
             except DAMAGE as error:
-                self._note(f"message at byte {block.offset} is damaged ({error})")
+                self._note(f"message at byte {block.offset} is damaged ({mcap_chunk.reason_of(error)})")
             else:
                 yield from found
 

@@ -6,8 +6,9 @@ import struct
 import zlib
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from io import BytesIO
+from itertools import pairwise
 from typing import BinaryIO
 
 from mcap.data_stream import ReadDataStream
@@ -16,11 +17,15 @@ from mcap.records import Channel, ChunkIndex, Schema, Statistics
 
 from uw_recon_ros.bags import mcap_chunk
 from uw_recon_ros.bags.mcap_chunk import DAMAGE, RECORD_HEADER, Buffer
-from uw_recon_ros.bags.model import LATEST_NS
+from uw_recon_ros.bags.model import LATEST_NS, LONGEST_QOS
+from uw_recon_ros.bounds import Budget, OverBudgetError
 
 MAGIC = b"\x89MCAP0\r\n"
 _FOOTER = struct.Struct("<BQQQI")  # opcode, length, start of summary and of its offsets, CRC
 _LAST_OPCODE = max(Opcode)
+_LONGEST_DESCRIPTION = 2**20  # bytes of a Schema or Channel record
+_LONGEST_TEXT = 256  # characters: one more than a name may have
+QOS = "offered_qos_profiles"
 
 
 @dataclass(frozen=True)
@@ -59,14 +64,22 @@ class Index:
     span: tuple[int, int] | None = None
 
     def learn(self, opcode: int, content: Buffer) -> None:
-        """Note a schema or channel; other records are passed over."""
-        stream = ReadDataStream(BytesIO(bytes(content))) if opcode in (Opcode.SCHEMA, Opcode.CHANNEL) else None
-        if stream is not None and opcode == Opcode.SCHEMA:
+        """Note a schema or channel, of its text only what is read; other records are passed over."""
+        if opcode not in (Opcode.SCHEMA, Opcode.CHANNEL):
+            return
+        if len(content) > _LONGEST_DESCRIPTION:
+            raise ValueError(f"a description of {len(content)} bytes")
+        stream = ReadDataStream(BytesIO(bytes(content)))
+        if opcode == Opcode.SCHEMA:
             schema = Schema.read(stream)
-            self.schemas[schema.id] = schema
-        elif stream is not None:
+            self.schemas[schema.id] = replace(schema, data=b"", name=schema.name[:_LONGEST_TEXT])
+        else:
             channel = Channel.read(stream)
-            self.channels[channel.id] = channel
+            qos = str(channel.metadata.get(QOS, ""))[:LONGEST_QOS]
+            self.channels[channel.id] = replace(
+                channel, topic=channel.topic[:_LONGEST_TEXT], metadata={QOS: qos},
+                message_encoding=channel.message_encoding[:_LONGEST_TEXT],
+            )  # fmt: skip
 
     @property
     def names_all_topics(self) -> bool:
@@ -113,7 +126,7 @@ def _checked_summary(stream: BinaryIO, size: int) -> Index | None:
     index, statistics = _parse_summary(summary)
     if statistics is None or statistics.chunk_count != len(index.chunks):
         return None
-    if len({block.offset for block in index.chunks}) < len(index.chunks):
+    if not _apart(index.chunks):
         return None
     if index.span is not None and index.span[1] >= LATEST_NS:
         return None
@@ -121,6 +134,12 @@ def _checked_summary(stream: BinaryIO, size: int) -> Index | None:
         return None
     fits = all(_is_chunk(stream, block, start) for block in index.chunks)
     return index if fits else None
+
+
+def _apart(chunks: list[Block]) -> bool:
+    """Whether no chunk lies within another: else the same bytes would be read again and again."""
+    ordered = sorted(chunks, key=lambda block: block.offset)
+    return all(before.offset + before.length < after.offset for before, after in pairwise(ordered))
 
 
 def _parse_summary(summary: bytes) -> tuple[Index, Statistics | None]:
@@ -154,7 +173,7 @@ def _is_chunk(stream: BinaryIO, block: Block, limit: int) -> bool:
     return mcap_chunk.record_header(header) == (Opcode.CHUNK, block.length) and block.offset + block.length <= limit
 
 
-def scan(stream: BinaryIO, size: int, note: Callable[[str], None]) -> Index:
+def scan(stream: BinaryIO, size: int, note: Callable[[str], None], budget: Budget) -> Index:
     """Walk through a file that has no sound index, decompressing every chunk once.
 
     Parameters
@@ -164,28 +183,41 @@ def scan(stream: BinaryIO, size: int, note: Callable[[str], None]) -> Index:
         Of the file, bytes.
     note : callable
         Told, in a sentence, what is lost.
+    budget : Budget
+        What the walk may cost.
     """
-    index, offset = Index(), len(MAGIC)
+    index = Index()
+    try:
+        _walk(stream, size, index, note, budget)
+    except OverBudgetError as error:
+        note(str(error))
+    return index
+
+
+def _walk(stream: BinaryIO, size: int, index: Index, note: Callable[[str], None], budget: Budget) -> None:
+    offset = len(MAGIC)
     while offset + RECORD_HEADER <= size:
         stream.seek(offset)
         opcode, length = mcap_chunk.record_header(stream.read(RECORD_HEADER))
         offset += RECORD_HEADER
         if not 0 < opcode <= _LAST_OPCODE and opcode < 0x80:
             note(f"no record where one must begin, at byte {offset - RECORD_HEADER} of {size}: what follows is lost")
-            return index
+            return
         block = Block(0, 0, offset, min(length, size - offset), partial=offset + length > size)
-        _take(stream, index, opcode, block, note)
+        budget.step()
+        _take(stream, index, opcode, block, note, budget)
         if opcode in (Opcode.DATA_END, Opcode.FOOTER):
-            return index
+            return
         offset += length
     note(f"cut short at byte {size}: the end of the recording is missing")
-    return index
 
 
-def _take(stream: BinaryIO, index: Index, opcode: int, block: Block, note: Callable[[str], None]) -> None:
+def _take(
+    stream: BinaryIO, index: Index, opcode: int, block: Block, note: Callable[[str], None], budget: Budget
+) -> None:
     """Note one top-level record."""
     if opcode == Opcode.CHUNK and block.length <= mcap_chunk.LARGEST:
-        found = _look_inside(_read(stream, block), block, index, note)
+        found = _look_inside(_read(stream, block), block, index, note, budget)
         if found:
             index.chunks.append(found)
     elif opcode == Opcode.MESSAGE and not block.partial:
@@ -194,9 +226,9 @@ def _take(stream: BinaryIO, index: Index, opcode: int, block: Block, note: Calla
         index.loose.append(Block(log_time, log_time, block.offset, block.length, frozenset((channel,))))
     elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL) and not block.partial:
         try:
-            index.learn(opcode, _read(stream, block))
+            index.learn(opcode, _read(stream, replace(block, length=min(block.length, _LONGEST_DESCRIPTION + 1))))
         except DAMAGE as error:
-            note(f"a topic's description at byte {block.offset} is lost ({error})")
+            note(f"a topic's description at byte {block.offset} is lost ({mcap_chunk.reason_of(error)})")
 
 
 def _read(stream: BinaryIO, block: Block) -> bytes:
@@ -204,14 +236,18 @@ def _read(stream: BinaryIO, block: Block) -> bytes:
     return stream.read(block.length)
 
 
-def _look_inside(content: bytes, block: Block, index: Index, note: Callable[[str], None]) -> Block | None:
+def _look_inside(
+    content: bytes, block: Block, index: Index, note: Callable[[str], None], budget: Budget
+) -> Block | None:
     """Learn topics and count messages of a chunk; None when nothing can be read."""
     times: list[int] = []
     channels: set[int] = set()
     partial = block.partial
     try:
         inside = mcap_chunk.inflate_rest(content) if partial else mcap_chunk.inflate(content)
+        budget.unpack(len(inside))
         for opcode, record in mcap_chunk.records(inside):
+            budget.step()
             index.learn(opcode, record)
             if opcode == Opcode.MESSAGE:
                 channel, log_time = mcap_chunk.message_header(record)

@@ -14,6 +14,7 @@ _LONGEST_NAME = 255
 _LONGEST_NOTE = 500
 _MOST_NOTES = 1000
 LONGEST_QOS = 16_384  # characters; one publisher's take some 300
+_MOST_PROFILES = 100  # of one topic's publishers
 _DEEPEST = 1000  # messages; middleware makes room for them
 
 
@@ -153,6 +154,6 @@ def merge_topics(groups: list[list[TopicInfo]]) -> list[TopicInfo]:
     merged: dict[tuple[str, str], TopicInfo] = {}
     for topic in (topic for group in groups for topic in group):
         before = merged.get((topic.name, topic.type), TopicInfo(topic.name, topic.type, 0))
-        qos = before.qos + tuple(profile for profile in topic.qos if profile not in before.qos)
+        qos = tuple(dict.fromkeys((*before.qos, *topic.qos[:_MOST_PROFILES])))[:_MOST_PROFILES]
         merged[topic.name, topic.type] = TopicInfo(topic.name, topic.type, before.count + topic.count, qos)
     return list(merged.values())

@@ -12,10 +12,11 @@ import zstandard
 
 from uw_recon_ros.bags import messages
 from uw_recon_ros.bags.files import open_files
-from uw_recon_ros.bags.mcap_chunk import LARGEST
+from uw_recon_ros.bags.mcap_chunk import LARGEST, reason_of
 from uw_recon_ros.bags.merge import merge_by_time
 from uw_recon_ros.bags.model import RawMessage, TopicInfo, add_note, merge_topics
 from uw_recon_ros.bags.stereo import CameraInfoCache, StereoTopics, find_stereo_topics, make_pair, pair_messages
+from uw_recon_ros.bounds import unpacked_limit
 from uw_recon_ros.errors import BagError, ReconError
 from uw_recon_ros.types import FloatImage, StereoCalibration, StereoPair
 
@@ -78,12 +79,14 @@ class BagReader:
     def _inflated(self, packed: Iterator[RawMessage]) -> Iterator[RawMessage]:
         decompressor = zstandard.ZstdDecompressor()
         for message in packed:
+            most = min(LARGEST, unpacked_limit(len(message.data)))
             try:
-                if zstandard.frame_content_size(message.data) > LARGEST:
-                    raise ValueError(f"more than {LARGEST} bytes claimed")
-                data = decompressor.decompress(message.data, max_output_size=LARGEST)
+                if zstandard.frame_content_size(message.data) > most:
+                    raise ValueError(f"more than {most} bytes claimed")
+                data = decompressor.decompress(message.data, max_output_size=most)
             except (zstandard.ZstdError, ValueError, MemoryError) as error:
-                self.note(f"{message.topic}: a compressed message at {message.stamp_ns} ns is damaged ({error})")
+                told = reason_of(error)
+                self.note(f"{message.topic}: a compressed message at {message.stamp_ns} ns is damaged ({told})")
             else:
                 yield RawMessage(message.topic, message.type, message.stamp_ns, data)
 

@@ -120,7 +120,7 @@ class SqliteFile:
 
     def _row(self, number: int) -> tuple[int, int, bytes] | None:
         with suppress(sqlite3.Error):
-            query = f"SELECT topic_id, timestamp, data FROM messages WHERE id = ? AND {_SOUND}"
+            query = f"SELECT topic_id, timestamp, data FROM messages WHERE rowid = ? AND {_SOUND}"
             row: tuple[int, int, bytes] | None = self._database.execute(query, (number,)).fetchone()
             return row
         return None
