@@ -54,7 +54,7 @@ class Budget:
     @classmethod
     def of(cls, size: int) -> Budget:
         """For a file of `size` bytes."""
-        return cls(SPARE_STEPS + size // BYTES_PER_STEP, 4 * SPARE_BYTES + MOST_UNPACKED * size)
+        return cls(SPARE_STEPS + size // BYTES_PER_STEP, 16 * SPARE_BYTES + MOST_UNPACKED * size)
 
     def step(self) -> None:
         """Look at one record. Raises `OverBudgetError`."""

@@ -54,5 +54,7 @@ def describe(head: bytes) -> str:
 
 def describe_file(path: Path) -> str:
     """As `describe`, of a file that is there. Raises `OSError`."""
+    if not path.is_file():
+        return "a pipe or a device"
     with path.open("rb") as stream:
         return describe(stream.read(HEAD))

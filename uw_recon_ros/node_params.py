@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from uw_recon_ros.bounds import LARGEST_PIXELS
 from uw_recon_ros.params import Params, param
 
 
@@ -40,6 +41,13 @@ class CameraParams(Params):
         "auto",
         "Which of image_raw and image_raw/compressed is read; auto takes image_raw where it has a publisher.",
         choices=("auto", "raw", "compressed"),
+    )
+    max_pixels: int = param(
+        4096 * 3072,
+        "Pixels an image may have; larger ones are refused before they are decoded. Time and memory grow with them.",
+        unit="px",
+        low=1,
+        high=LARGEST_PIXELS,
     )
     max_rate_hz: float = param(
         0.0, "Pairs a second worked on at most, the others passed over; 0: no limit.", unit="Hz", low=0, high=1e3

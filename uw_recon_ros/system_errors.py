@@ -102,14 +102,21 @@ def read_bounded(path: str | Path, most: int, kind: type[ReconError] = ReconErro
         be waited for, for ever), or larger.
     """
     try:
-        if not stat.S_ISREG((mode := Path(path).stat()).st_mode) and not stat.S_ISDIR(mode.st_mode):
-            raise kind("expected a file, got a pipe or a device: copy its content to a file")
+        size = expect_file(path, kind)
         with Path(path).open("rb") as stream:
-            content = stream.read(min(mode.st_size, most) + 1)
+            content = stream.read(min(size, most) + 1)
     except OSError as error:
         raise kind(reason(error)) from error
     except ValueError as error:  # a NUL in the name
         raise kind("a name that no file can have: check the name") from error
     if len(content) > most:
-        raise kind(f"expected at most {most} bytes, got {max(mode.st_size, len(content))}")
+        raise kind(f"expected at most {most} bytes, got {max(size, len(content))}")
     return content
+
+
+def expect_file(path: str | Path, kind: type[ReconError]) -> int:
+    """Bytes of a file; a pipe or a device, which would be waited for, is refused. A folder is not: opening it fails."""
+    found = Path(path).stat()
+    if not (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode)):
+        raise kind("expected a file, got a pipe or a device: copy its content to a file")
+    return found.st_size

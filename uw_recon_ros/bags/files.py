@@ -20,7 +20,7 @@ from uw_recon_ros.bags.sqlite_file import SqliteFile
 from uw_recon_ros.bounds import SPARE_BYTES, unpacked_limit
 from uw_recon_ros.errors import BagError
 from uw_recon_ros.file_kinds import HEAD, describe
-from uw_recon_ros.system_errors import reason
+from uw_recon_ros.system_errors import expect_file, reason
 
 _SQLITE_MAGIC = b"SQLite format 3\0"
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
@@ -133,7 +133,7 @@ def _open_one(path: Path, files: BagFiles, alone: bool) -> None:
 def _by_content(path: Path, files: BagFiles) -> Storage:
     name = path.name
     try:
-        given_size = path.stat().st_size
+        given_size = expect_file(path, BagError)
         with path.open("rb") as stream:
             head = stream.read(HEAD)
         if head.startswith(_ZSTD_MAGIC):

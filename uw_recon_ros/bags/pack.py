@@ -11,6 +11,7 @@ from uw_recon_ros.bags.files import natural_order
 from uw_recon_ros.bags.writer import BagWriter
 from uw_recon_ros.errors import BagError
 from uw_recon_ros.images import read_image
+from uw_recon_ros.system_errors import told_as
 from uw_recon_ros.types import RawImage, StereoCalibration
 
 Pair = tuple[Path, Path]
@@ -89,14 +90,17 @@ def find_images(pattern: str) -> list[Path]:
     BagError
         There are none.
     """
-    folder = Path(pattern).expanduser()
-    if folder.is_dir():
-        paths = [path for path in folder.iterdir() if path.suffix.lower() in _IMAGES]
-    else:
-        paths = [path for path in map(Path, glob.glob(str(folder), recursive=True)) if path.is_file()]
+    with told_as(BagError, pattern, "image files"):
+        paths = _images_at(Path(pattern).expanduser())
     if not paths:
         raise BagError(f"{pattern}: expected image files, found none")
     return sorted(paths, key=lambda path: (natural_order(path), str(path)))
+
+
+def _images_at(folder: Path) -> list[Path]:
+    if folder.is_dir():
+        return [path for path in folder.iterdir() if path.suffix.lower() in _IMAGES]
+    return [path for path in map(Path, glob.glob(str(folder), recursive=True)) if path.is_file()]
 
 
 def _matched(left: list[Path], right: list[Path], left_name: str, right_name: str) -> list[Pair]:

@@ -18,6 +18,7 @@ from uw_recon_ros.bags.model import RawMessage, TopicInfo, add_note, merge_topic
 from uw_recon_ros.bags.stereo import CameraInfoCache, StereoTopics, find_stereo_topics, make_pair, pair_messages
 from uw_recon_ros.bounds import unpacked_limit
 from uw_recon_ros.errors import BagError, ReconError
+from uw_recon_ros.system_errors import told_as
 from uw_recon_ros.types import FloatImage, StereoCalibration, StereoPair
 
 
@@ -208,6 +209,6 @@ def open_bag(path: str | Path) -> BagReader:
         In one line, when nothing in it can be read.
     """
     path = Path(path)
-    if not path.exists():
-        raise BagError(f"{path}: expected a bag, there is no such file or folder")
+    with told_as(BagError, path, "a bag"):
+        path.stat()
     return BagReader(path)

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_recon_ros.bounds import LARGEST_PIXELS
 from uw_recon_ros.errors import ImageError
 from uw_recon_ros.images import decode_compressed, decode_image
 from uw_recon_ros.messages.factory import MessageFactory
@@ -70,7 +71,7 @@ def image_message(make: MessageFactory, image: NDArray[Any], head: Any) -> Any:
     return raw_image_message(make, swapped, encoding, head)
 
 
-def image_from_message(message: Any) -> RawImage:
+def image_from_message(message: Any, most_pixels: int = LARGEST_PIXELS) -> RawImage:
     """Decode a raw or compressed image message.
 
     Returns
@@ -84,10 +85,10 @@ def image_from_message(message: Any) -> RawImage:
         Naming the field, the expectation and what came.
     """
     if not hasattr(message, "encoding"):
-        return decode_compressed(message.data)
+        return decode_compressed(message.data, most_pixels)
     return decode_image(
         message.data, height=message.height, width=message.width, encoding=message.encoding, step=message.step,
-        is_bigendian=message.is_bigendian,
+        is_bigendian=message.is_bigendian, most_pixels=most_pixels,
     )  # fmt: skip
 
 

@@ -71,6 +71,7 @@ class PipelineNode(StageNode[Stages]):
         """Take the image transport and the rate that are asked for; listen to calibrations only where they are used."""
         self.inputs.accepts = preprocess_node.camera_filter(params[CameraParams])
         self.inputs.pace.limit_hz = params[CameraParams].max_rate_hz
+        self._most_pixels = params[CameraParams].max_pixels
         self.inputs.ignored = rectify_node.unwanted_infos(params[RectifyParams])
 
     def warm_up(self, stage: Stages) -> None:
@@ -80,7 +81,9 @@ class PipelineNode(StageNode[Stages]):
     def work(self, stage: Stages, group: Group, outputs: Outputs) -> int:
         """Take one pair as far as somebody listens."""
         rectify_node.report_calibration(self.diagnostics, group)
-        raw = raw_pair(group, calibration_from_infos(group.get("left_info"), group.get("right_info")))
+        raw = raw_pair(
+            group, calibration_from_infos(group.get("left_info"), group.get("right_info")), self._most_pixels
+        )
         enhanced = stage.preprocess(raw)
         preprocess_node.report_regions(self.diagnostics, enhanced)
         preprocess_node.publish_enhanced(outputs, enhanced)

@@ -73,10 +73,11 @@ class PreprocessNode(StageNode[PreprocessSequence]):
         """Take the image transport and the rate that are asked for."""
         self.inputs.accepts = camera_filter(params[CameraParams])
         self.inputs.pace.limit_hz = params[CameraParams].max_rate_hz
+        self._most_pixels = params[CameraParams].max_pixels
 
     def work(self, stage: PreprocessSequence, group: Group, outputs: Outputs) -> int:
         """Enhance one pair."""
-        pair = stage(raw_pair(group))
+        pair = stage(raw_pair(group, most_pixels=self._most_pixels))
         report_regions(self.diagnostics, pair)
         publish_enhanced(outputs, pair)
         return pair.stamp_ns

@@ -5,6 +5,7 @@ Top-down as section 2.1. Step 3 comes before step 2 where that makes no differen
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -151,12 +152,13 @@ class Preprocess:
         p = self.params
         if not p.homomorphic_filtering:
             return extended
-        cutoff = p.homomorphic_cutoff * extended.shape[0] / longer_side
+        cutoff = p.homomorphic_cutoff * max(extended.shape) / longer_side
         return homomorphic_filter(extended, cutoff, p.homomorphic_low_gain, p.homomorphic_high_gain)
 
     def _denoised(self, both: TwoThreads, eyes: Eyes) -> Eyes:
         """Step 5, with one estimate of the noise for both eyes."""
-        levels = min(self.params.wavelet_levels + 1, eyes[0].shape[0].bit_length() - 1)
+        common = math.gcd(*eyes[0].shape)
+        levels = min(self.params.wavelet_levels + 1, (common & -common).bit_length() - 1)  # halved so often, both sides
         if not self.params.wavelet_denoising or levels < 2:
             return eyes
         pyramids = both(partial(wavelet.decompose, levels=levels, wavelet=self.params.wavelet), eyes)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo, Image
 
+from uw_recon_ros.bounds import LARGEST_PIXELS
 from uw_recon_ros.calibration import camera_from_info
 from uw_recon_ros.errors import ImageError
 from uw_recon_ros.images import to_gray
@@ -26,15 +27,17 @@ from uw_recon_ros.types import (
 )
 
 
-def raw_pair(group: Group, calibration: StereoCalibration | None = None) -> StereoPair:
-    """Decode the messages ``left`` and ``right``.
+def raw_pair(
+    group: Group, calibration: StereoCalibration | None = None, most_pixels: int = LARGEST_PIXELS
+) -> StereoPair:
+    """Decode the messages ``left`` and ``right``, of at most so many pixels each.
 
     Raises
     ------
     ImageError
         An image cannot be read, or the two are not of one size and type.
     """
-    left, right = _two_images(group, "left", "right")
+    left, right = _two_images(group, "left", "right", most_pixels)
     return StereoPair(left, right, stamp_ns(group["left"]), group["left"].header.frame_id, calibration)
 
 
@@ -112,16 +115,16 @@ def _expect_bytes(image: RawImage) -> None:
         raise ImageError(f"image: expected 8 bits a channel, got {image.dtype}")
 
 
-def _two_images(group: Group, left: str, right: str) -> tuple[RawImage, RawImage]:
-    images = _decode(left, group[left]), _decode(right, group[right])
+def _two_images(group: Group, left: str, right: str, most_pixels: int = LARGEST_PIXELS) -> tuple[RawImage, RawImage]:
+    images = _decode(left, group[left], most_pixels), _decode(right, group[right], most_pixels)
     if images[0].shape != images[1].shape or images[0].dtype != images[1].dtype:
         raise ImageError(f"pair: expected two images of one size and type, got {_say(images[0])} and {_say(images[1])}")
     return images
 
 
-def _decode(name: str, message: Any) -> RawImage:
+def _decode(name: str, message: Any, most_pixels: int) -> RawImage:
     try:
-        return image_from_message(message)
+        return image_from_message(message, most_pixels)
     except ImageError as error:
         raise ImageError(f"{name} image: {error}") from error
 

@@ -76,7 +76,7 @@ def list_frames(sources: list[Source], params: SurveyParams, given: StereoCalibr
 
 def _numbered(frames: list[Frame]) -> list[Frame]:
     """The frames with their numbers, each knowing the one before it."""
-    befores = [None, *frames[:-1]]
+    befores = [None, *frames][: len(frames)]
     return [
         replace(
             frame,

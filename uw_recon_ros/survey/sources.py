@@ -50,9 +50,8 @@ def find_sources(paths: Iterable[str | Path]) -> list[Source]:
 
 
 def _sources_at(path: Path) -> list[Source]:
-    if not path.exists():
-        raise BagError(f"{path}: expected a bag or a folder, there is no such file or folder")
     with told_as(BagError, path, "a bag or a folder"):
+        path.stat()
         return _sources_in(path)
 
 
