@@ -33,7 +33,7 @@ MAY_IMPORT = {
     "warm": NOUNS | STAGE_ROOMS,
     "messages": NOUNS | {"messages"},
     "bags": NOUNS | {"bags", "messages"},
-    "simulate": NOUNS | {"simulate", "bags"},
+    "simulate": NOUNS | {"simulate", "bags", "messages"},
     "report": NOUNS | {"report"},
     "pair": OFFLINE | {"report", "warm"},
     "doctor": NOUNS | {"rectify", "node_params", "doctor"},

@@ -104,15 +104,25 @@ def _info(args: argparse.Namespace) -> int:
 
 
 def _simulate(args: argparse.Namespace) -> int:
+    from uw_recon_ros.simulate.course import CourseParams, defaults_on
     from uw_recon_ros.simulate.params import SimulateParams
-    from uw_recon_ros.simulate.write import simulate
+    from uw_recon_ros.simulate.write import simulate, simulate_survey
 
-    given = {spec.name: getattr(args, spec.name) for spec in SimulateParams.specs()}
+    given = {spec.name: getattr(args, spec.name) for spec in (*SimulateParams.specs(), *CourseParams.specs())}
+    given = {name: value for name, value in given.items() if value is not None}
+    stray = sorted({spec.name for spec in CourseParams.specs()} & set(given)) if args.track is None else []
+    if stray or (args.truth and args.track is None):
+        names = ", ".join(f"--{name.replace('_', '-')}" for name in stray or ["truth"])
+        raise _UsageError(f"{names}: expected --track with it, got none")
     try:
-        params = SimulateParams.from_mapping({name: value for name, value in given.items() if value is not None})
+        if args.track is None:
+            simulate(args.output, SimulateParams.from_mapping(given), progress=_shown("frames"))
+        else:
+            params = SimulateParams.from_mapping(defaults_on(args.track) | given)
+            course = CourseParams.from_mapping(given)
+            simulate_survey(args.output, params, course, args.truth, progress=_shown("frames"))
     except (TypeError, ValueError) as error:
         raise _UsageError(str(error)) from error
-    simulate(args.output, params, progress=_shown("frames"))
     return OK
 
 
@@ -220,6 +230,7 @@ def _add_bags(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
 
 
 def _add_simulate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    from uw_recon_ros.simulate.course import ON_A_TRACK, CourseParams
     from uw_recon_ros.simulate.params import SimulateParams
 
     sub = commands.add_parser(
@@ -228,9 +239,12 @@ def _add_simulate(commands: argparse._SubParsersAction[argparse.ArgumentParser])
         description="Ray-cast a stereo dive through simulated water; the bag holds the true depth too.",
     )
     sub.add_argument("-o", "--output", required=True, metavar="BAG")
-    for spec in SimulateParams.specs():
+    sub.add_argument("--truth", metavar="DIR", help="with --track: folder for trajectory.txt (TUM) and surface.ply")
+    for spec in (*CourseParams.specs(), *SimulateParams.specs()):
         option = f"--{spec.name.replace('_', '-')}"
-        text = f"{spec.doc} {spec.unit} (default {spec.default})".replace("%", "%%")
+        default = "none: past one scene" if spec.name == "track" else spec.default
+        other = f"; {ON_A_TRACK[spec.name]} with --track" if spec.name in ON_A_TRACK else ""
+        text = f"{spec.doc} {spec.unit} (default {default}{other})".replace("%", "%%")
         if spec.type is bool:
             sub.add_argument(option, action=argparse.BooleanOptionalAction, help=text)
         elif spec.choices:

@@ -14,7 +14,7 @@ from uw_recon_ros.simulate.cast import FAR_M, cast
 from uw_recon_ros.simulate.params import SimulateParams
 from uw_recon_ros.simulate.render import render
 from uw_recon_ros.simulate.rig import Pose, make_rig, pinhole_directions, pixel_directions, pose_at, project
-from uw_recon_ros.simulate.scene import make_scene
+from uw_recon_ros.simulate.scene import Scene, make_scene
 from uw_recon_ros.simulate.sensor import expose, exposure_of, lens_blur
 from uw_recon_ros.simulate.water import attenuate, daylight_veil, forward_scatter, make_water
 from uw_recon_ros.types import ByteImage, FloatImage, Matrix, RawImage, Status, StereoCalibration, StereoGeometry
@@ -67,11 +67,13 @@ class Dive:
     Parameters
     ----------
     params : SimulateParams
+    scene : Scene or None
+        What is seen; None: what the parameters name.
     """
 
-    def __init__(self, params: SimulateParams) -> None:
+    def __init__(self, params: SimulateParams, scene: Scene | None = None) -> None:
         self.params = params
-        self.scene = make_scene(params)
+        self.scene = make_scene(params) if scene is None else scene
         self.rig = make_rig(params)
         self.water = make_water(
             params.water, turbidity=params.turbidity, water_depth_m=params.water_depth_m,
@@ -112,6 +114,18 @@ class Dive:
         """Of the left optical frame at a frame."""
         return pose_at(self.params, self.seconds(index))
 
+    def scene_at(self, index: int) -> Scene:
+        """What there is at a frame."""
+        return self.scene
+
+    def gain(self, index: int) -> float:
+        """Exposure of a frame relative to the first."""
+        return 1.0
+
+    def smear(self, light: FloatImage, index: int) -> FloatImage:
+        """What the motion during the exposure does to a picture."""
+        return light
+
     @property
     def _daylight(self) -> Matrix:
         return self.params.daylight * self.water.daylight
@@ -122,7 +136,7 @@ class Dive:
         directions = np.ascontiguousarray(eye.directions[::step, ::step] @ pose.rotation.T)
         origin = pose.rotation @ eye.origin + pose.position
         lamp = lamps.lamp_in_world(self._lamp, pose)
-        ranges, radiance = render(self.scene, lamp, self._daylight, origin, directions, eye.pixel * step)
+        ranges, radiance = render(self.scene_at(index), lamp, self._daylight, origin, directions, eye.pixel * step)
         return ranges, self._through_water(eye, ranges, radiance.astype(np.float32), index, step)
 
     def _through_water(self, eye: _Eye, ranges: Matrix, radiance: FloatImage, index: int, step: int) -> FloatImage:
@@ -159,7 +173,8 @@ class Dive:
         ranges, light = self._see(eye, index)
         rng = np.random.default_rng([self.params.seed, 3, index, eye.number])
         p = self.params
-        return ranges, expose(light, self._exposure * eye.gain, rng, noise=p.noise, bits=p.bits, mono=p.mono)
+        exposure = self._exposure * eye.gain * self.gain(index)
+        return ranges, expose(self.smear(light, index), exposure, rng, noise=p.noise, bits=p.bits, mono=p.mono)
 
     def frame(self, index: int) -> SimulatedFrame:
         """Take the pair number `index`, from 0 on. Both eyes are worked on at the same time."""
@@ -194,7 +209,7 @@ class Dive:
         pose = self.pose(index)
         if limits is None:
             limits = np.full(len(directions), FAR_M)
-        scene = self.scene
+        scene = self.scene_at(index)
         turned = np.ascontiguousarray(directions @ pose.rotation.T)
         start = pose.rotation @ origin + pose.position
         return cast(scene.heights, scene.grid, scene.blocks, scene.objects, start, turned, limits)

@@ -6,9 +6,12 @@ import math
 
 from uw_recon_ros.jit import kernel
 from uw_recon_ros.simulate.noise import detail, pebbles
-from uw_recon_ros.simulate.scene import CLAY, METAL, SAND, STONE, WOOD
+from uw_recon_ros.simulate.scene import CLAY, METAL, SAND, STONE, TILES, WOOD
 
 Color = tuple[float, float, float]
+
+#: Side of a tile, m.
+TILE_M = 0.25
 
 
 @kernel(inline=True)
@@ -98,6 +101,18 @@ def stone(x: float, y: float, z: float, footprint: float, contrast: float, seed:
 
 
 @kernel
+def tiles(x: float, y: float, z: float, footprint: float, contrast: float, seed: int) -> Color:
+    """Printed tiles, each like the other to the last speck, with grout between."""
+    side, grout = TILE_M, 0.006
+    u, v = x - side * math.floor(x / side), y - side * math.floor(y / side)
+    print_ = detail(u, v, 0.0, 0.06, 5, 0.85, footprint, seed + 500)
+    color = _scale((0.34, 0.48, 0.56), max(0.1, 1.0 + 0.32 * contrast * print_))
+    rim = min(min(u, side - u), min(v, side - v))
+    gap = 1.0 - _step(0.5 * grout - 0.5 * footprint, 0.5 * grout + 0.5 * footprint, rim)
+    return _mix(color, (0.62, 0.60, 0.55), gap)
+
+
+@kernel
 def albedo(material: int, x: float, y: float, z: float, footprint: float, contrast: float, seed: int) -> Color:
     """Share of red, green and blue light that a surface reflects.
 
@@ -123,4 +138,6 @@ def albedo(material: int, x: float, y: float, z: float, footprint: float, contra
         return metal(x, y, z, footprint, contrast, seed)
     if material == STONE:
         return stone(x, y, z, footprint, contrast, seed)
+    if material == TILES:
+        return tiles(x, y, z, footprint, contrast, seed)
     return 0.5, 0.5, 0.5

@@ -9,7 +9,7 @@ import numpy as np
 from uw_recon_ros.jit import kernel
 from uw_recon_ros.simulate.cast import FAR_M, is_blocked, nearest_hit
 from uw_recon_ros.simulate.material import albedo
-from uw_recon_ros.simulate.scene import SAND, Scene
+from uw_recon_ros.simulate.scene import Scene
 from uw_recon_ros.types import Matrix
 
 Ray = tuple[float, float, float]
@@ -51,7 +51,7 @@ def _shade(
     slant = max(-(nx * dx + ny * dy + nz * dz), 0.15)
     footprint = pixel * t / math.sqrt(slant)
     if which == -1:
-        r, g, b = albedo(SAND, x, y, z, footprint, contrast, seed)
+        r, g, b = albedo(int(grid[4]), x, y, z, footprint, contrast, seed)
     else:
         o = objects[which]
         px, py, pz = x - o[1], y - o[2], z - o[3]

@@ -15,7 +15,7 @@ from uw_recon_ros.types import Matrix
 #: Kinds of things; a row of `Scene.objects` begins with one.
 SPHERE, BOX, CYLINDER, AMPHORA = 1.0, 2.0, 3.0, 4.0
 #: What a surface is made of.
-SAND, STONE, WOOD, METAL, CLAY = 0, 1, 2, 3, 4
+SAND, STONE, WOOD, METAL, CLAY, TILES = 0, 1, 2, 3, 4, 5
 
 #: Coefficients a side of a block with its own bounds.
 BLOCK = 4
@@ -32,8 +32,8 @@ class Scene:
     ----------
     heights : (ny, nx) float64
         Coefficients of a uniform cubic B-spline surface z(x, y), m. Beyond its rim it goes on as at the rim.
-    grid : (4,) float64
-        x and y of coefficient (0, 0), step between coefficients, upper bound of z.
+    grid : (5,) float64
+        x and y of coefficient (0, 0), step between coefficients, upper bound of z, material of the bottom.
     blocks : (my, mx, 2) float64
         Upper bounds of slope and z in every block of `BLOCK` by `BLOCK` coefficients and the eight around it.
     objects : (N, 17) float64
@@ -58,16 +58,16 @@ def make_scene(params: SimulateParams) -> Scene:
     heights = _relief(params.scene, rng)
     objects = np.array(_things(params.scene, heights), np.float64).reshape(-1, 17)
     contrast = 1.0 if params.texture == "rich" else 0.08
-    grid = np.array([_X0, _Y0, _STEP, heights.max()])
-    return Scene(heights, grid, _bounds(heights), objects, contrast, params.seed)
+    grid = np.array([_X0, _Y0, _STEP, heights.max(), float(SAND)])
+    return Scene(heights, grid, bounds_of(heights, _STEP), objects, contrast, params.seed)
 
 
-def _bounds(heights: Matrix) -> Matrix:
+def bounds_of(heights: Matrix, step: float) -> Matrix:
     """Slope and height of a B-spline are bounded by the differences and values of the coefficients it is made of."""
     reach = 4 * BLOCK + 3  # three blocks and the spline's support on either side
     along_x = np.abs(np.diff(heights, axis=1, append=heights[:, -1:]))
     along_y = np.abs(np.diff(heights, axis=0, append=heights[-1:]))
-    slope = np.hypot(maximum_filter(along_x, reach), maximum_filter(along_y, reach)) / _STEP
+    slope = np.hypot(maximum_filter(along_x, reach), maximum_filter(along_y, reach)) / step
     bounds = np.stack([slope, maximum_filter(heights, reach)], axis=-1)
     return np.ascontiguousarray(bounds[BLOCK // 2 :: BLOCK, BLOCK // 2 :: BLOCK])
 
@@ -138,9 +138,19 @@ def _thing(
     material: int,
 ) -> list[float]:
     """A thing whose centre is `above_m` over the seabed at `place`, turned about x, then y, then z."""
-    z = height_at(heights, *place) + above_m
+    return solid(kind, (*place, height_at(heights, *place) + above_m), turns_deg, sizes, material)
+
+
+def solid(
+    kind: float,
+    center: tuple[float, float, float],
+    turns_deg: tuple[float, float, float],
+    sizes: tuple[float, float, float],
+    material: int,
+) -> list[float]:
+    """A row of `Scene.objects`: a thing about `center`, turned about x, then y, then z."""
     local_from_world = _turn(turns_deg).T
-    return [kind, *place, z, *local_from_world.ravel(), *sizes, float(material)]
+    return [kind, *center, *local_from_world.ravel(), *sizes, float(material)]
 
 
 def _turn(degrees: tuple[float, float, float]) -> Matrix:
