@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -13,6 +14,7 @@ import trimesh
 
 from uw_recon_ros.calibration import write_calibration
 from uw_recon_ros.cli import main
+from uw_recon_ros.errors import ImageError
 from uw_recon_ros.evaluate import read_disparity, write_pfm
 from uw_recon_ros.images import read_image, write_image
 from uw_recon_ros.simulate import Dive, SimulatedFrame, SimulateParams
@@ -172,8 +174,8 @@ def test_half_a_camera_is_told_by_name_on_every_door(
     out = tmp_path / "out"
     assert main(["pair", *files, "-o", str(out), "--calibration", str(tmp_path / "rig.yaml")]) == 0
     words = "right camera: 5"
-    [warning] = json.loads((out / "report.json").read_text())["rectification"]["warnings"]
-    assert warning.startswith(words)
+    [warning] = json.loads((out / "report.json").read_text())["warnings"]
+    assert warning["text"].startswith(words)
     assert f"warning: {words}" in capsys.readouterr().err
     assert words in (out / "index.html").read_text()
     valid = np.isfinite(read_disparity(out / "disparity.pfm"))
@@ -184,7 +186,7 @@ def test_half_a_camera_is_told_by_name_on_every_door(
         main(["disparity", *files, "-o", str(tmp_path / "d.pfm"), "--min-disparity", "0", "--max-disparity", "60"]) == 0
     )
     printed = capsys.readouterr()
-    assert json.loads(printed.out)["warnings"][0].startswith(words)
+    assert json.loads(printed.out)["warnings"][0]["text"].startswith(words)
     assert f"warning: {words}" in printed.err
     assert not np.isfinite(read_disparity(tmp_path / "d.pfm"))[110:].any()
 
@@ -196,4 +198,61 @@ def test_a_camera_that_shows_nothing_is_refused_in_one_line(
     out = tmp_path / "out"
     assert main(["pair", *files, "-o", str(out), "--calibration", str(tmp_path / "rig.yaml")]) == 1
     assert "right image: expected a scene on at least 2% of its pixels, got 0.0%" in capsys.readouterr().err
-    assert json.loads((out / "report.json").read_text())["rectification"]["refused"].startswith("right image")
+    assert json.loads((out / "report.json").read_text())["failed"]["text"].startswith("right image")
+
+
+@pytest.mark.parametrize("vertical", [False, True])
+def test_others_can_project_back_from_the_report(tmp_path: Path, vertical: bool) -> None:
+    """Plain numpy, from ``report.json`` and the files alone."""
+    dive = Dive(replace(DIVE, axis="vertical" if vertical else "horizontal"))
+    frame = dive.frame(0)
+    write_image(tmp_path / "l.png", frame.left)
+    write_image(tmp_path / "r.png", frame.right)
+    write_calibration(dive.calibration, tmp_path / "rig.yaml")
+    out = tmp_path / "out"
+    names = [str(tmp_path / "l.png"), str(tmp_path / "r.png")]
+    assert main(["pair", *names, "-o", str(out), "--calibration", str(tmp_path / "rig.yaml")]) == 0
+    report = json.loads((out / "report.json").read_text())
+    assert report["reliable"] is True
+    assert report["failed"] is None
+    g = report["geometry"]
+    assert g["axis"] == ("vertical" if vertical else "horizontal")
+    depth = cv2.imread(str(out / "depth.tiff"), cv2.IMREAD_UNCHANGED).astype(float)
+    disparity = cv2.imread(str(out / "disparity.pfm"), cv2.IMREAD_UNCHANGED).astype(float)
+    raw = g["focal_px"] * g["baseline_m"] / (disparity + g["cx_right"] - g["cx_left"])
+    both = np.isfinite(raw) & np.isfinite(depth) & np.isfinite(disparity)
+    assert np.median(np.abs(raw[both] / depth[both] - 1)) < 0.01  # the depth is smoothed within its sigma
+    v, u = np.nonzero(np.isfinite(depth))
+    z = depth[v, u]
+    along, across = (v, u) if vertical else (u, v)
+    x = (along - g["cx_left"]) / g["focal_px"] * z
+    y = (across - g["cy"]) / g["focal_across_px"] * z
+    points = np.column_stack([y, x, z] if vertical else [x, y, z]) @ np.array(g["rect_from_raw_left"])
+    np.testing.assert_allclose(points, trimesh.load(out / "cloud.ply").vertices, atol=1e-4)
+
+
+def test_rows_that_disagree_are_told_and_metres_withheld(
+    tmp_path: Path, files: list[str], frame: SimulatedFrame, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_image(tmp_path / "right.png", np.roll(frame.right, 6, axis=0))
+    out = tmp_path / "out"
+    assert main(["pair", *files, "-o", str(out), "--calibration", str(tmp_path / "rig.yaml")]) == 0
+    report = json.loads((out / "report.json").read_text())
+    assert (report["reliable"], report["scale"]) == (False, "unknown")
+    assert {"rectify.rows_disagree", "rectify.scale_withheld"} <= {w["code"] for w in report["warnings"]}
+    assert not (out / "depth.tiff").exists()
+    assert "UNRELIABLE: rows disagree" in capsys.readouterr().err
+    assert 'class="alarm"' in (out / "index.html").read_text()
+
+
+def test_a_failing_preprocess_leaves_a_report(
+    tmp_path: Path, files: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise ImageError("too large")
+
+    monkeypatch.setattr("uw_recon_ros.pipeline.PreprocessSequence.__call__", refuse)
+    assert main(["pair", *files, "-o", str(tmp_path / "out")]) == 1
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert report["failed"] == {"stage": "preprocess", "code": "image", "text": "too large"}
+    assert report["rectification"]["refused"] is None

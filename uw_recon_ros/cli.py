@@ -9,7 +9,7 @@ import argparse
 import json
 import os
 import sys
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, TypeVar
 
 from uw_recon_ros import __version__
@@ -52,18 +52,20 @@ def _pair(args: argparse.Namespace) -> int:
     report = reconstruct_files(
         args.left, args.right, args.output, _params(args), args.calibration, overwrite=args.overwrite
     )
+    _warn(report["warnings"])
     rectification, matching = report["rectification"], report["matching"]
+    median = rectification["row_error_median_px"]
     say(
-        f"{args.output}/index.html: row error {rectification['row_error_median_px'] or float('nan'):.2f} px, "
+        f"{args.output}/index.html: row error {'not known' if median is None else f'{median:.2f} px'}, "
         f"density {matching['density']:.0%}, scale {report['scale']}"
+        f"{'' if report['reliable'] else ', NOT RELIABLE: see the warnings'}"
     )
-    _warn(rectification["warnings"])
     return OK
 
 
-def _warn(warnings: Iterable[str]) -> None:
+def _warn(warnings: Iterable[Mapping[str, str]]) -> None:
     for warning in warnings:
-        say(f"warning: {warning}")
+        say(f"{'UNRELIABLE' if warning['severity'] == 'unreliable' else 'warning'}: {warning['text']}")
 
 
 def _disparity(args: argparse.Namespace) -> int:

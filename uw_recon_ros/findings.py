@@ -36,7 +36,9 @@ class Code(str, Enum):
     RECTIFY_INFINITY_MOVED = "rectify.infinity_moved"
     RECTIFY_INFINITY_VAGUE = "rectify.infinity_vague"
     RECTIFY_NO_BASELINE = "rectify.no_baseline"
+    RECTIFY_NOT_CHECKED = "rectify.not_checked"
     RECTIFY_ROWS_DISAGREE = "rectify.rows_disagree"
+    RECTIFY_SCALE_WITHHELD = "rectify.scale_withheld"
     # parts of an image that show no scene
     REGION_BLANK = "region.blank"
     REGION_BORDER = "region.border"

@@ -14,7 +14,7 @@ import numpy as np
 from uw_recon_ros.calibration import read_calibration
 from uw_recon_ros.errors import EstimationError, ImageError, ReconError
 from uw_recon_ros.evaluate import write_pfm
-from uw_recon_ros.findings import Code, severe
+from uw_recon_ros.findings import Code, Severity, severe, worst
 from uw_recon_ros.images import read_image, write_bytes, write_image
 from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.pipeline import Pipeline, PipelineParams, Result
@@ -24,7 +24,7 @@ from uw_recon_ros.progress import say
 from uw_recon_ros.reconstruct.export import write_glb, write_ply
 from uw_recon_ros.report.figures import colorize_disparity
 from uw_recon_ros.report.pair import write_pair_page
-from uw_recon_ros.types import RectificationQuality, RectifiedPair, StereoGeometry, StereoPair
+from uw_recon_ros.types import DepthMap, EnhancedPair, RectificationQuality, RectifiedPair, StereoGeometry, StereoPair
 from uw_recon_ros.unseen import blackened
 from uw_recon_ros.warm import tell_if_cold
 
@@ -53,6 +53,7 @@ def _finite(value: float) -> float | None:
 
 def _report(result: Result) -> Report:
     quality, disparity = result.rectified.quality, result.disparity
+    findings = severe(result.enhanced.findings) + quality.warnings
     return {
         "rectification": {
             "method": quality.method,
@@ -60,7 +61,7 @@ def _report(result: Result) -> Report:
             "row_error_p95_px": _finite(quality.row_error_p95_px),
             "inliers": quality.inliers,
             "refused": None,
-            "warnings": [str(finding) for finding in severe(result.enhanced.findings) + quality.warnings],
+            "warnings": [str(finding) for finding in quality.warnings],
         },
         "matching": {
             "method": disparity.method,
@@ -71,18 +72,47 @@ def _report(result: Result) -> Report:
             "max_disparity": disparity.max_disparity,
         },
         "scale": "metric" if disparity.geometry.metric else "unknown",
+        "geometry": _geometry(result.depth),
+        "warnings": [finding.as_dict() for finding in findings],
+        "reliable": worst(findings) < Severity.UNRELIABLE,
+        "failed": None,
         "stages_seconds": result.stages_seconds,
     }
 
 
-def _refusal(error: ReconError) -> Report:
-    """A report of the same form for a pair that came no further than preprocessing."""
+def _geometry(depth: DepthMap) -> Report:
+    """All that turns ``disparity.pfm`` into points in `frame_id`."""
+    geometry = depth.geometry
+    height, width = depth.depth.shape
+    return {
+        "width": width,
+        "height": height,
+        "focal_px": geometry.focal_px,
+        "focal_across_px": geometry.focal_across_px or geometry.focal_px,
+        "cx_left": geometry.cx_left,
+        "cx_right": geometry.cx_right,
+        "cy": geometry.cy,
+        "offset_px": geometry.offset_px,
+        "baseline_m": geometry.baseline_m,
+        "baseline_sign": geometry.baseline_sign,
+        "axis": geometry.axis,
+        "frame_id": depth.frame_id,
+        "rect_from_raw_left": geometry.rect_from_raw_left,
+    }
+
+
+def _failure(stage: str, error: ReconError) -> Report:
+    """A report of the same form for a pair that did not come through."""
     nothing = dict.fromkeys(["method", "row_error_median_px", "row_error_p95_px", "inliers"])
     matching = dict.fromkeys(["method", "energy", "seconds", "density", "min_disparity", "max_disparity"])
     return {
-        "rectification": {**nothing, "refused": str(error), "warnings": []},
+        "rectification": {**nothing, "refused": str(error) if stage == "rectify" else None, "warnings": []},
         "matching": matching,
         "scale": "unknown",
+        "geometry": None,
+        "warnings": [],
+        "reliable": False,
+        "failed": {"stage": stage, "code": error.code.value, "text": str(error)},
         "stages_seconds": {},
     }
 
@@ -91,9 +121,13 @@ def _write_json(path: Path, report: Mapping[str, Any]) -> None:
     write_bytes(path, (json.dumps(report, indent=2) + "\n").encode())
 
 
+def _write_enhanced(output: Path, enhanced: EnhancedPair) -> None:
+    write_image(output / "left_enhanced.png", enhanced.left)
+    write_image(output / "right_enhanced.png", enhanced.right)
+
+
 def _write_result(output: Path, result: Result, report: Report) -> None:
-    write_image(output / "left_enhanced.png", result.enhanced.left)
-    write_image(output / "right_enhanced.png", result.enhanced.right)
+    _write_enhanced(output, result.enhanced)
     write_image(output / "left_rect.png", result.rectified.left)
     write_image(output / "right_rect.png", result.rectified.right)
     write_pfm(output / "disparity.pfm", result.disparity.disparity)
@@ -142,21 +176,26 @@ def reconstruct_files(
     Raises
     ------
     ReconError
-        What the files did not allow. When the pair was read but could not be rectified or matched, the folder holds the
-        enhanced images and a report with the reason.
+        What the files did not allow. When the pair was read but did not come through, the folder holds a report with
+        the reason, and the enhanced images where there are any.
     """
     output = Path(output)
     pair = read_pair(left, right, calibration)
     _claim(output, overwrite)
     tell_if_cold(say)
+    stages: list[str] = []
+
+    def announce(stage: str) -> None:
+        stages.append(stage)
+        say(f"{stage} ...")
+
     try:
-        result = Pipeline(params)(pair, announce=lambda stage: say(f"{stage} ..."))
+        result = Pipeline(params)(pair, announce=announce)
         _expect_surface(result, left, right)
     except ReconError as error:
-        enhanced = Preprocess(params.preprocess)(pair)
-        write_image(output / "left_enhanced.png", enhanced.left)
-        write_image(output / "right_enhanced.png", enhanced.right)
-        _write_json(output / "report.json", _refusal(error))
+        _write_json(output / "report.json", _failure(stages[-1], error))
+        if stages[-1] != "preprocess":
+            _write_enhanced(output, Preprocess(params.preprocess)(pair))
         raise
     report = _report(result)
     say("writing ...")
@@ -195,5 +234,5 @@ def match_files(left: str | Path, right: str | Path, output: str | Path, params:
         "density": result.density,
         "min_disparity": result.min_disparity,
         "max_disparity": result.max_disparity,
-        "warnings": [str(finding) for finding in severe(regions.findings)],
+        "warnings": [finding.as_dict() for finding in severe(regions.findings)],
     }

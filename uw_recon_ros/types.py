@@ -11,7 +11,7 @@ Conventions
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntFlag
 from typing import Any, Literal
 
@@ -163,6 +163,11 @@ class StereoGeometry:
     def metric(self) -> bool:
         """Whether depths are metres. Otherwise they are in units of the baseline, focal length assumed."""
         return self.baseline_m is not None
+
+    @property
+    def unscaled(self) -> StereoGeometry:
+        """The same geometry without metres."""
+        return replace(self, baseline_m=None)
 
     @property
     def offset_px(self) -> float:

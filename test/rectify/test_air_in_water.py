@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from rig_scenes import calibration_of, make_rig, scatter, tie_points
 
+from uw_recon_ros.findings import Code
 from uw_recon_ros.rectify import RectifyParams, TiePoints, rectification_from_calibration
 
 WATER = 1.333
@@ -35,7 +36,8 @@ def in_water():
 def test_it_is_recognised_with_its_numbers(in_water):
     found = rectification_from_calibration(calibration_of(RIG), RectifyParams(), in_water)
     assert found.quality.row_error_median_px > 1.5
-    (warning,) = found.quality.warnings
+    warning = found.quality.warnings[0]
+    assert warning.code == Code.RECTIFY_CALIBRATED_IN_AIR
     assert warning.text.startswith("calibrated in air, used in water?")
     assert float(re.search(r"focal length (\d\.\d+) times", warning.text)[1]) == pytest.approx(WATER, abs=0.02)
     assert "about 25% short" in warning.text
@@ -50,8 +52,7 @@ def test_the_same_rig_in_air_is_not():
 def test_a_rig_that_moved_is_not_taken_for_it(angles):
     moved = make_rig(angles_deg=angles, center=(0.15, 0.005, 0.0))
     found = rectification_from_calibration(calibration_of(RIG), RectifyParams(), tie_points(moved, 600))
-    assert len(found.quality.warnings) == 1
-    assert "does not fit" in found.quality.warnings[0].text
+    assert [w.code for w in found.quality.warnings] == [Code.RECTIFY_ROWS_DISAGREE, Code.RECTIFY_SCALE_WITHHELD]
 
 
 def test_few_tie_points_accuse_nobody(in_water):

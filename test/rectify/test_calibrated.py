@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from rig_scenes import Camera, Rig, calibration_of, make_rig, random_rig, scatter, tie_points
 
 from uw_recon_ros.errors import CalibrationError, EstimationError
+from uw_recon_ros.findings import Code
 from uw_recon_ros.rectify import RectifyParams, TiePoints, rectification_from_calibration
 from uw_recon_ros.types import StereoCalibration
 
@@ -147,7 +148,8 @@ def test_a_rig_that_moved_is_warned_of():
     moved = make_rig(angles_deg=(0.6, -2.0, 1.5), d=PLUMB_BOB)
     found = rectification_from_calibration(calibration_of(RIG), PARAMS, tie_points(moved))
     assert found.quality.row_error_median_px > 2
-    assert any("the calibration does not fit: rows disagree by" in w.text for w in found.quality.warnings)
+    assert Code.RECTIFY_ROWS_DISAGREE in {w.code for w in found.quality.warnings}
+    assert not found.geometry.metric
 
 
 @pytest.mark.parametrize("name", ["plumb_bob", "below", "above"])

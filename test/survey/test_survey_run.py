@@ -113,7 +113,14 @@ def test_the_report_says_what_was_made_from_what(room: Path, undisturbed: Path) 
     assert made["parameters"]["kz2_sweeps"] == 1
     assert made["versions"]["numpy"] == np.__version__
     assert "match_seed" in made["seed"]
-    assert made["frames"] == {"pairs_in_input": FRAMES, "chosen": FRAMES, "ok": FRAMES, "failed": 0, "reasons": {}}
+    assert made["frames"] == {
+        "pairs_in_input": FRAMES,
+        "chosen": FRAMES,
+        "ok": FRAMES,
+        "unreliable": 0,
+        "failed": 0,
+        "reasons": {},
+    }
     assert made["rigs"]["0"]["method"] == "calibrated"
     page = (undisturbed / "report.html").read_text()
     assert "http://" not in page.replace("http://www.w3.org", "")

@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from uw_recon_ros.errors import CalibrationError, EstimationError
-from uw_recon_ros.findings import Code, Finding
+from uw_recon_ros.findings import Code, Finding, Severity
 from uw_recon_ros.rectify.params import RectifyParams
-from uw_recon_ros.rectify.rectification import Rectification, behind, exchanged, row_statistics
+from uw_recon_ros.rectify.rectification import Rectification, behind, exchanged
+from uw_recon_ros.rectify.rows import RowAgreement, not_checked
 from uw_recon_ros.rectify.stereo_info import stereo_axis
 from uw_recon_ros.rectify.tie_points import TiePoints
 from uw_recon_ros.rectify.views import View
@@ -83,6 +84,8 @@ def _check_sides(rectification: Rectification, tie_points: TiePoints) -> None:
 def judged(rectification: Rectification, tie_points: TiePoints, params: RectifyParams) -> Rectification:
     """Measure a calibrated rectification on tie points, none of which it was made from.
 
+    Over `row_withhold_permille` what comes back has no scale, so that no door gives out metres.
+
     Parameters
     ----------
     rectification : Rectification
@@ -97,36 +100,39 @@ def judged(rectification: Rectification, tie_points: TiePoints, params: RectifyP
         The eyes are exchanged.
     """
     _check_sides(rectification, tie_points)
-    median, p95 = row_statistics(rectification.row_errors(tie_points))
-    return rectification.with_quality(
-        replace(
-            rectification.quality,
-            row_error_median_px=median,
-            row_error_p95_px=p95,
-            inliers=len(tie_points),
-            warnings=_warnings(rectification, tie_points, median, params),
-        )
+    rows = RowAgreement.measured(rectification, tie_points)
+    quality = replace(
+        rectification.quality,
+        row_error_median_px=rows.median_px,
+        row_error_p95_px=rows.p95_px,
+        inliers=len(tie_points),
+        warnings=_warnings(rectification, tie_points, rows, params),
     )
+    geometry = rectification.geometry
+    return replace(rectification, quality=quality, geometry=geometry.unscaled if rows.withheld(params) else geometry)
 
 
 def _warnings(
-    rectification: Rectification, tie_points: TiePoints, median: float, params: RectifyParams
+    rectification: Rectification, tie_points: TiePoints, rows: RowAgreement, params: RectifyParams
 ) -> tuple[Finding, ...]:
-    if not median > params.drift_limit_px:
-        return ()
+    findings = rows.findings(params)
+    if not rows.unreliable(params):
+        return findings
     found = port_index(tie_points, rectification.left, rectification.right, rectification.geometry.axis)
-    if found is not None and found.water:
-        text = (
-            f"calibrated in air, used in water? rows disagree by {median:.1f} px (median); a focal length "
-            f"{found.index:.2f} times as long, as water behind flat ports makes it, leaves "
-            f"{found.row_error_px:.1f} px: depth would be about {1 - 1 / found.index:.0%} short"
-        )
-        return (Finding(Code.RECTIFY_CALIBRATED_IN_AIR, text, advice="calibrate in water"),)
+    if found is None or not found.water:
+        return findings
     text = (
-        f"the calibration does not fit: rows disagree by {median:.1f} px (median of {len(tie_points)} tie points, "
-        f"limit {params.drift_limit_px:g} px): the rig has moved, or its images are of another mode"
+        f"calibrated in air, used in water? rows disagree by {rows.median_px:.1f} px (median); a focal length "
+        f"{found.index:.2f} times as long, as water behind flat ports makes it, leaves "
+        f"{found.row_error_px:.1f} px: depth would be about {1 - 1 / found.index:.0%} short"
     )
-    return (Finding(Code.RECTIFY_ROWS_DISAGREE, text),)
+    in_air = Finding(Code.RECTIFY_CALIBRATED_IN_AIR, text, Severity.UNRELIABLE, "calibrate in water")
+    return (in_air, *(finding for finding in findings if finding.code != Code.RECTIFY_ROWS_DISAGREE))
+
+
+def unjudged(rectification: Rectification, why: str) -> Rectification:
+    """The same rectification, marked as one that nothing could be measured on."""
+    return rectification.with_quality(replace(rectification.quality, warnings=(not_checked(why),)))
 
 
 def rectification_from_calibration(

@@ -86,6 +86,25 @@ class RectifyParams(Params):
         low=0.1,
         high=50.0,
     )
+    row_unreliable_permille: float = param(
+        0.4,
+        "Median row error of a calibrated pair, in thousandths of the image's diagonal, over which it is marked "
+        "unreliable (0.32 px at 640x480); never less than row_unreliable_noise allows.",
+        low=0.05,
+        high=20.0,
+    )
+    row_unreliable_noise: float = param(
+        3.0,
+        "The same limit as a multiple of the tie points' own noise, so that noisy tie points do not accuse the rig.",
+        low=1.0,
+        high=20.0,
+    )
+    row_withhold_permille: float = param(
+        2.5,
+        "Median row error, in thousandths of the diagonal, over which no metres are given out (2 px at 640x480).",
+        low=0.05,
+        high=100.0,
+    )
     aspect_limit: float = param(
         1.4, "Largest change of the aspect ratio by a rectifying homography; its inverse is the smallest.",
         low=1.01, high=10.0,

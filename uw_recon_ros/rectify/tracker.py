@@ -8,7 +8,7 @@ from typing import Protocol
 
 from uw_recon_ros.errors import CalibrationError, EstimationError, ImageError
 from uw_recon_ros.findings import Code, Finding
-from uw_recon_ros.rectify.calibrated import judged, rectification_from_calibration
+from uw_recon_ros.rectify.calibrated import judged, rectification_from_calibration, unjudged
 from uw_recon_ros.rectify.params import RectifyParams
 from uw_recon_ros.rectify.rectification import Rectification, exchanged, row_statistics
 from uw_recon_ros.rectify.seam import torn
@@ -43,7 +43,8 @@ class _CalibratedRig:
 
     def __init__(self, calibration: StereoCalibration, params: RectifyParams) -> None:
         self._params = params
-        self._rectification = replace(rectification_from_calibration(calibration, params), locked=True)
+        self._given = replace(rectification_from_calibration(calibration, params), locked=True)
+        self._rectification = self._given
         self._frames: deque[TiePoints] = deque(maxlen=_WATCHED_FRAMES)
         self._until_watch = 0
 
@@ -58,16 +59,18 @@ class _CalibratedRig:
             return
         try:
             found = _watched(pair, self._params)
-        except EstimationError:  # nothing to measure on: the calibration holds all the same
+        except EstimationError as error:  # nothing to measure on: what was known before holds, if anything was
             self._until_watch = self._params.watch_interval
+            if not self._frames:
+                self._rectification = unjudged(self._given, str(error))
             return
         try:
-            judged(self._rectification, found, self._params)
+            judged(self._given, found, self._params)
         except EstimationError:  # exchanged eyes: until they are seen to be right again, every frame is looked at first
             self._frames.clear()
             raise
         self._frames.append(found)
-        judgement = judged(self._rectification, gathered(self._frames), self._params)
+        judgement = judged(self._given, gathered(self._frames), self._params)
         warnings = torn(judgement, found) + judgement.quality.warnings
         self._rectification = judgement.with_quality(replace(judgement.quality, warnings=warnings))
         self._until_watch = self._params.watch_interval

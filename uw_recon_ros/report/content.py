@@ -88,8 +88,11 @@ class Summary:
     facts : sequence of (name, value)
         The few numbers that matter most.
     warnings : sequence of str
+    alarms : sequence of str
+        Why the result is not to be trusted; shown first, in red.
     """
 
     lead: str = ""
     facts: Sequence[tuple[str, str]] = ()
     warnings: Sequence[str] = ()
+    alarms: Sequence[str] = ()

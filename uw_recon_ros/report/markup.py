@@ -18,14 +18,15 @@ _ACTIONS = (("reset", "Reset"), ("fullscreen", "Full screen"))
 
 
 def top_markup(title: str, summary: Summary) -> str:
-    """Title, facts, warnings."""
+    """Title, warnings, facts."""
     facts = "".join(f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>" for name, value in summary.facts)
-    warnings = "".join(f"<li>{escape(text)}</li>" for text in summary.warnings)
+    told = "".join(f'<li class="alarm">{escape(text)}</li>' for text in summary.alarms)
+    told += "".join(f"<li>{escape(text)}</li>" for text in summary.warnings)
     return (
         f'<header class="top"><div><h1>{escape(title)}</h1><p class="lead">{escape(summary.lead)}</p></div>'
         '<button id="theme" title="light or dark" aria-label="light or dark">◐</button></header>'
+        + (f'<ul class="warnings">{told}</ul>' if told else "")
         + (f'<dl class="facts">{facts}</dl>' if facts else "")
-        + (f'<ul class="warnings">{warnings}</ul>' if warnings else "")
     )
 
 

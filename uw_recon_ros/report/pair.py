@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from uw_recon_ros.findings import severe
+from uw_recon_ros.findings import Severity, severe
 from uw_recon_ros.report.colors import ColorBar, colorize, reasons_in, robust_limits
 from uw_recon_ros.report.figures import (
     as_byte_rgb,
@@ -107,7 +107,10 @@ def _summary(
     if seconds:
         facts.append(("Time", f"{sum(seconds.values()):.2f} s"))
     words = lead or f"A {depth.geometry.axis} rig, {width} x {height} pixels after rectification."
-    return Summary(words, facts, _warnings(enhanced, rectified, depth))
+    said = severe(enhanced.findings) + rectified.quality.warnings
+    alarms = tuple(str(finding) for finding in said if finding.severity >= Severity.UNRELIABLE)
+    warnings = tuple(str(finding) for finding in said if finding.severity < Severity.UNRELIABLE)
+    return Summary(words, facts, warnings + _no_scale(depth), alarms)
 
 
 def _median_depth(depth: DepthMap) -> str:
@@ -115,13 +118,12 @@ def _median_depth(depth: DepthMap) -> str:
     return measured(float(np.median(finite)), depth_unit(depth)) if finite.size else "unknown"
 
 
-def _warnings(enhanced: EnhancedPair, rectified: RectifiedPair, depth: DepthMap) -> tuple[str, ...]:
+def _no_scale(depth: DepthMap) -> tuple[str, ...]:
     unknown = (
         "The scale is not known: without a calibration, or a baseline and an in-water focal length, the shape is shown "
         "in units of the rig's baseline, under an assumed focal length. Nothing on this page is in metres."
     )
-    said = severe(enhanced.findings) + rectified.quality.warnings
-    return tuple(map(str, said)) + (() if depth.geometry.metric else (unknown,))
+    return () if depth.geometry.metric else (unknown,)
 
 
 def _enhancement(raw: StereoPair, enhanced: EnhancedPair) -> Section:

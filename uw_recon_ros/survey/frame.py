@@ -23,7 +23,7 @@ from uw_recon_ros.survey.places import Frame
 from uw_recon_ros.survey.plan import Plan, Task, load_plan
 from uw_recon_ros.survey.products import Products, Stages, Stopwatch, describe
 from uw_recon_ros.survey.read import Reader
-from uw_recon_ros.survey.store import Row, SurveyError
+from uw_recon_ros.survey.store import FAILED, Row, SurveyError
 from uw_recon_ros.survey.write import PREVIEWS, frame_files, frame_name, side_by_side
 from uw_recon_ros.types import StereoPair
 
@@ -99,12 +99,12 @@ def reconstruct_frame(task: Task) -> Row:
         with timed("read"):
             pair, before = shop.reader.read(frame), shop.reader.read_before(frame)
         products = shop.stages(pair, shop.rectification(frame), timed, before)
-        row |= {"status": "ok", "reason": "", **describe(products)}
+        row |= describe(products)
         files = _write_products(shop, frame, products, row)
     except (OSError, MemoryError, SurveyError):
         raise
     except Exception as error:  # one frame's trouble, whatever it is, is not the survey's end
-        row |= {"status": "failed", "reason": _reason(error)}
+        row |= {"status": FAILED, "reason": _reason(error)}
         files = _write_raw(shop, frame, pair)
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
     seconds = time.perf_counter() - started

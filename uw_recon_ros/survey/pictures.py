@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Sequence
 from html import escape
 
-from uw_recon_ros.survey.store import Row, Store
+from uw_recon_ros.survey.store import Row, Store, succeeded
 from uw_recon_ros.survey.tables import failures
 from uw_recon_ros.survey.write import PREVIEWS, frame_name
 
@@ -78,7 +78,7 @@ def _pictures(store: Store, rows: Iterable[Row]) -> str:
 
 
 def _picture(store: Store, row: Row) -> str:
-    ok = row["status"] == "ok"
+    ok = succeeded(row)
     words = f"{row['frame']} · {percent(row['density'])}" if ok else f"{row['frame']} · {row['reason']}"
     name = f"{PREVIEWS}/{frame_name(row['frame'])}.jpg"
     image = ""

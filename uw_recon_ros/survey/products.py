@@ -12,17 +12,19 @@ from typing import Any
 import numpy as np
 
 from uw_recon_ros.errors import EstimationError
-from uw_recon_ros.findings import Finding, severe
+from uw_recon_ros.findings import Code, Finding, Severity, severe
 from uw_recon_ros.match.stage import Match
 from uw_recon_ros.pipeline import PipelineParams
 from uw_recon_ros.preprocess.regions import find_regions
 from uw_recon_ros.preprocess.stage import Preprocess
 from uw_recon_ros.reconstruct.stage import Reconstruct
 from uw_recon_ros.rectify.params import RectifyParams
-from uw_recon_ros.rectify.rectification import Rectification, row_statistics
+from uw_recon_ros.rectify.rectification import Rectification
+from uw_recon_ros.rectify.rows import RowAgreement, not_checked
 from uw_recon_ros.rectify.seam import torn
 from uw_recon_ros.rectify.stage import Rectify
 from uw_recon_ros.rectify.tie_points import find_tie_points
+from uw_recon_ros.survey.store import OK, UNRELIABLE
 from uw_recon_ros.types import (
     DepthMap,
     DisparityMap,
@@ -65,22 +67,22 @@ class Products:
     ----------
     enhanced, rectified, disparity, depth
         In the order they were made.
-    row_error_px : (float, float)
-        Median and 95th percentile of the rows' disagreement in this very pair, px; NaN: too few tie points.
+    rows : RowAgreement
+        Of this very pair's tie points.
+    findings : tuple of Finding
+        Of the rig and of this pair.
     reconstruct : Reconstruct
     timed : Stopwatch
-    findings : tuple of Finding
-        What somebody should know of this very pair.
     """
 
     enhanced: EnhancedPair
     rectified: RectifiedPair
     disparity: DisparityMap
     depth: DepthMap
-    row_error_px: tuple[float, float]
+    rows: RowAgreement
+    findings: tuple[Finding, ...]
     reconstruct: Reconstruct
     timed: Stopwatch
-    findings: tuple[Finding, ...] = ()
 
     @cached_property
     def cloud(self) -> PointCloud:
@@ -129,28 +131,34 @@ class Stages:
         with timed("preprocess"):
             enhanced = self.enhance(pair, before)
         with timed("rectify"):
+            rows, found = watch_rows(enhanced, rectification, self._rectify_params)
+            if rows.withheld(self._rectify_params):
+                rectification = replace(rectification, geometry=rectification.geometry.unscaled)
             rectified = self._rectify(enhanced, rectification)
-            row_error, seam = measure_rows(enhanced, rectification, self._rectify_params)
+            findings = together(enhanced, rectification, found)
         with timed("match"):
             disparity = self._match(rectified)
         with timed("depth"):
             depth = self._reconstruct.depth(disparity)
-        findings = severe(enhanced.findings) + seam
-        return Products(enhanced, rectified, disparity, depth, row_error, self._reconstruct, timed, findings)
+        return Products(enhanced, rectified, disparity, depth, rows, findings, self._reconstruct, timed)
 
 
-def measure_rows(
+def watch_rows(
     pair: EnhancedPair, rectification: Rectification, params: RectifyParams
-) -> tuple[tuple[float, float], tuple[Finding, ...]]:
-    """Median and 95th percentile of the row error of one pair's own tie points, px, and whether it is torn.
-
-    NaN and nothing where there are too few.
-    """
+) -> tuple[RowAgreement, tuple[Finding, ...]]:
+    """How far the rows of this very pair agree, and what is to be told of it."""
     try:
         found = find_tie_points(pair, params)
-    except EstimationError:
-        return (float("nan"), float("nan")), ()
-    return row_statistics(rectification.row_errors(found)), torn(rectification, found)
+    except EstimationError as error:
+        return RowAgreement(), (not_checked(str(error)),)
+    rows = RowAgreement.measured(rectification, found)
+    return rows, rows.findings(params) + torn(rectification, found)
+
+
+def together(pair: EnhancedPair, rig: Rectification, rows: tuple[Finding, ...]) -> tuple[Finding, ...]:
+    """All findings, of each code the last; that the rig could not be checked is settled by a check of the pair."""
+    of_rig = tuple(finding for finding in rig.quality.warnings if finding.code != Code.RECTIFY_NOT_CHECKED)
+    return tuple({finding.code: finding for finding in (*pair.findings, *of_rig, *rows)}.values())
 
 
 def describe(products: Products) -> dict[str, Any]:
@@ -158,10 +166,13 @@ def describe(products: Products) -> dict[str, Any]:
     disparity, depth = products.disparity, products.depth
     valid = depth.depth[np.isfinite(depth.depth)]
     quantiles = np.percentile(valid, QUANTILES) if valid.size else [None] * len(QUANTILES)
+    alarms = [str(finding) for finding in products.findings if finding.severity >= Severity.UNRELIABLE]
     return {
+        "status": UNRELIABLE if alarms else OK,
+        "reason": "; ".join(alarms),
         "density": disparity.density,
-        "row_error_median_px": _finite(products.row_error_px[0]),
-        "row_error_p95_px": _finite(products.row_error_px[1]),
+        "row_error_median_px": _finite(products.rows.median_px),
+        "row_error_p95_px": _finite(products.rows.p95_px),
         **{f"depth_p{q:02d}": _finite(value) for q, value in zip(QUANTILES, quantiles, strict=True)},
         "depth_density": float(valid.size / depth.depth.size),
         "scale": "metric" if depth.geometry.metric else "unknown",
@@ -170,7 +181,7 @@ def describe(products: Products) -> dict[str, Any]:
         "method": disparity.method,
         "energy": _finite(disparity.energy),
         "rectification": products.rectified.quality.method,
-        "findings": [finding.as_dict() for finding in products.findings],
+        "findings": [finding.as_dict() for finding in severe(products.findings)],
     }
 
 

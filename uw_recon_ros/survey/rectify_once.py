@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from uw_recon_ros.errors import CalibrationError, EstimationError
-from uw_recon_ros.rectify.calibrated import judged, rectification_from_calibration
+from uw_recon_ros.rectify.calibrated import judged, rectification_from_calibration, unjudged
 from uw_recon_ros.rectify.params import RectifyParams
 from uw_recon_ros.rectify.rectification import Rectification
 from uw_recon_ros.rectify.stereo_info import has_baseline
@@ -115,7 +115,9 @@ def _rectification(
             raise EstimationError(points)
         return estimate_rectification(points, params)
     rectification = rectification_from_calibration(calibration, params)
-    return rectification if isinstance(points, str) else judged(rectification, points, params)
+    if isinstance(points, str):
+        return unjudged(rectification, points)
+    return judged(rectification, points, params)
 
 
 def _tie_points(frames: list[Frame], executor: Executor, hand: Hand, path: Path) -> TiePoints | str:

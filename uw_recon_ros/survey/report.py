@@ -18,7 +18,7 @@ from uw_recon_ros.report.embed import script_safe
 from uw_recon_ros.survey.charts import LEFT, RIGHT, WIDTH, Line, chart
 from uw_recon_ros.survey.durable import write_durably
 from uw_recon_ros.survey.pictures import contact_sheet, failed_frames, number, percent, worst_frames
-from uw_recon_ros.survey.store import Row, Store
+from uw_recon_ros.survey.store import UNRELIABLE, Row, Store, succeeded
 from uw_recon_ros.survey.write import VIEWS, frame_name
 
 
@@ -39,7 +39,7 @@ def write_report(store: Store, rows: list[Row], made: dict[str, Any]) -> None:
 
 def render_report(store: Store, rows: list[Row], made: dict[str, Any]) -> str:
     """Build the page; see `write_report`."""
-    ok = [row for row in rows if row["status"] == "ok"]
+    ok = [row for row in rows if succeeded(row)]
     seconds, label = _times(rows)
     body = [
         _top(made, rows, ok),
@@ -89,21 +89,28 @@ def _top(made: dict[str, Any], rows: list[Row], ok: list[Row]) -> str:
         ("a frame takes", number(_median([row["seconds"] for row in ok]), "s")),
     ]
     warnings = [*made["unreadable"], *made["notes"]]
-    warnings += [f"{w['frames']} frames, first {w['first_frame']}: {w['text']}" for w in made["warnings"]]
+    alarms = [_told(w) for w in made["warnings"] if w["severity"] == UNRELIABLE]
+    warnings += [_told(w) for w in made["warnings"] if w["severity"] != UNRELIABLE]
     warnings += [f"rig: {text}" for rig in made["rigs"].values() for text in rig["warnings"]]
     if failed:
         warnings.insert(0, f"{failed} of {len(rows)} frames could not be reconstructed: see below.")
     if "unknown" in made["scale"]:
         warnings.append("The metric scale is unknown: lengths are in baselines of the rig.")
     cells = "".join(f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>" for name, value in facts)
-    items = "".join(f"<li>{escape(text)}</li>" for text in warnings)
+    items = "".join(f'<li class="alarm">{escape(text)}</li>' for text in alarms)
+    items += "".join(f"<li>{escape(text)}</li>" for text in warnings)
     lead = f"{made['frames']['pairs_in_input']} pairs in the input, {len(rows)} chosen."
     return (
         f'<header class="top"><div><h1>Survey of {escape(", ".join(made["input"]))}</h1>'
         f'<p class="lead">{lead}</p></div>'
         '<button id="theme" title="light or dark" aria-label="light or dark">◐</button></header>'
-        f'<dl class="facts">{cells}</dl>' + (f'<ul class="warnings">{items}</ul>' if items else "")
+        + (f'<ul class="warnings">{items}</ul>' if items else "")
+        + f'<dl class="facts">{cells}</dl>'
     )
+
+
+def _told(warning: dict[str, Any]) -> str:
+    return f"{warning['frames']} frames, first {warning['first_frame']}: {warning['text']}"
 
 
 def _unit(made: dict[str, Any]) -> str:
@@ -144,14 +151,14 @@ def _has_view(row: Row) -> bool:
 
 
 def _compact(row: Row, second: float) -> list[Any]:
-    reason = "" if row["status"] == "ok" else row["reason"]
+    reason = "" if succeeded(row) else row["reason"]
     numbers = [row.get(name) for name in ("density", "row_error_median_px", "depth_p50")]
     rounded = [None if value is None else round(value, 4) for value in numbers]
     return [row["frame"], round(second, 3), *rounded, int(_has_view(row)), reason]
 
 
 def _time_lines(rows: list[Row], x: list[float], label: str, made: dict[str, Any]) -> str:
-    failures = [second for row, second in zip(rows, x, strict=True) if row["status"] != "ok"]
+    failures = [second for row, second in zip(rows, x, strict=True) if not succeeded(row)]
     low, high = _column(rows, "depth_p05"), _column(rows, "depth_p95")
     lines = [
         Line("Density", "%", x, [100 * value for value in _column(rows, "density")], top=100.0),
@@ -167,7 +174,7 @@ def _time_lines(rows: list[Row], x: list[float], label: str, made: dict[str, Any
 
 
 def _column(rows: list[Row], name: str) -> list[float]:
-    values = (row.get(name) if row["status"] == "ok" else None for row in rows)
+    values = (row.get(name) if succeeded(row) else None for row in rows)
     return [math.nan if value is None else float(value) for value in values]
 
 

@@ -22,7 +22,7 @@ from uw_recon_ros.survey.rectify_once import rectify_rigs, sort_rigs
 from uw_recon_ros.survey.report import write_report
 from uw_recon_ros.survey.request import Outcome, Request, settings_of
 from uw_recon_ros.survey.sources import Source, find_sources
-from uw_recon_ros.survey.store import Row, Store, SurveyError
+from uw_recon_ros.survey.store import FAILED, UNRELIABLE, Row, Store, SurveyError, succeeded
 from uw_recon_ros.survey.tables import codes, frames_csv, report, timing_csv
 from uw_recon_ros.survey.telling import Teller
 from uw_recon_ros.survey.write import BAG_PARTS
@@ -122,7 +122,7 @@ class _Run:
         for task, result in self.teller.watch(results, "frames", len(self.listing.frames), len(self.standing)):
             row = self._lost_row(task.frame, result) if isinstance(result, Lost) else result
             self.store.append(row)
-            if row["status"] != "ok":
+            if not succeeded(row):
                 self.teller.line(f"frame {row['frame']}: {row['reason']}")
             for code in set(codes(row)) - told:
                 told.add(code)
@@ -147,7 +147,7 @@ class _Run:
         """A frame whose process died; the next run tries it again."""
         return {
             "frame": frame.number, "source": self.sources[frame.source].name, "stamp_ns": frame.stamp_ns,
-            "status": "failed", "reason": lost.reason, "files": {}, "seconds": 0.0, "stages_seconds": {}, "retry": True,
+            "status": FAILED, "reason": lost.reason, "files": {}, "seconds": 0.0, "stages_seconds": {}, "retry": True,
         }  # fmt: skip
 
     def _rows(self) -> list[Row]:
@@ -193,7 +193,7 @@ class _Run:
     def outcome(self) -> Outcome:
         """How it ended."""
         rows = self._rows()
-        failed = sum(row["status"] != "ok" for row in rows)
+        failed = sum(not succeeded(row) for row in rows)
         return Outcome(
             str(self.request.output), len(rows), len(rows) - failed, failed, len(self.standing),
             tuple(self.listing.unreadable), tuple(self.listing.notes), round(time.monotonic() - self.started, 3),
@@ -201,5 +201,6 @@ class _Run:
 
 
 def _first_of_its_kind(row: Row, code: str) -> str:
-    text = next(finding["text"] for finding in row["findings"] if finding["code"] == code)
-    return f"frame {row['frame']}: {text} (further frames of this kind: frames.csv)"
+    first = next(finding for finding in row["findings"] if finding["code"] == code)
+    mark = "UNRELIABLE: " if first["severity"] == UNRELIABLE else ""
+    return f"frame {row['frame']}: {mark}{first['text']} (further frames of this kind: frames.csv)"

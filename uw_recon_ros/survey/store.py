@@ -22,6 +22,14 @@ from uw_recon_ros.survey.durable import sync_folder, write_json
 Row = dict[str, Any]
 
 STATE = "state"
+#: ``status`` in ``frames.csv``: reconstructed; reconstructed and not to be trusted (`reason` says why); not at all.
+OK, UNRELIABLE, FAILED = "ok", "unreliable", "failed"
+
+
+def succeeded(row: Row) -> bool:
+    """Whether a frame was reconstructed, to be trusted or not."""
+    status: str = row["status"]
+    return status != FAILED
 
 
 class SurveyError(ReconError):

@@ -17,7 +17,7 @@ import numpy as np
 
 from uw_recon_ros.rectify.rectification import Rectification
 from uw_recon_ros.survey.products import QUANTILES
-from uw_recon_ros.survey.store import Row
+from uw_recon_ros.survey.store import UNRELIABLE, Row, succeeded
 
 COLUMNS = (
     "frame", "source", "stamp_ns", "status", "reason", "density", "row_error_median_px", "row_error_p95_px",
@@ -46,14 +46,14 @@ def codes(row: Row) -> list[str]:
 
 
 def warnings(rows: Iterable[Row]) -> list[dict[str, Any]]:
-    """Every code that occurs, the number of its frames, and the words of the first."""
+    """Every code that occurs, the number of its frames, and the words of the first; the worst first."""
     found: dict[str, dict[str, Any]] = {}
     for row in rows:
         for code in codes(row):
-            text = next(f["text"] for f in row["findings"] if f["code"] == code)
-            entry = found.setdefault(code, {"code": code, "frames": 0, "first_frame": row["frame"], "text": text})
+            first = next(finding for finding in row["findings"] if finding["code"] == code)
+            entry = found.setdefault(code, {**first, "frames": 0, "first_frame": row["frame"]})
             entry["frames"] += 1
-    return sorted(found.values(), key=lambda entry: -entry["frames"])
+    return sorted(found.values(), key=lambda entry: (entry["severity"] != UNRELIABLE, -entry["frames"]))
 
 
 def timing_csv(rows: Iterable[Row]) -> bytes:
@@ -88,7 +88,7 @@ def report(
     unreadable: list[str],
 ) -> dict[str, Any]:
     """What ``report.json`` holds."""
-    ok = [row for row in rows if row["status"] == "ok"]
+    ok = [row for row in rows if succeeded(row)]
     return {
         "input_sha256": _together(settings["input"]),
         **settings,
@@ -97,10 +97,12 @@ def report(
             "pairs_in_input": pairs,
             "chosen": len(rows),
             "ok": len(ok),
+            "unreliable": sum(row["status"] == UNRELIABLE for row in rows),
             "failed": len(rows) - len(ok),
             "reasons": {group[0]["reason"]: len(group) for group in failures(rows)},
         },
         "warnings": warnings(ok),
+        "reliable": all(row["status"] != UNRELIABLE for row in ok),
         "scale": sorted({row["scale"] for row in ok}),
         "density": _summary(ok, "density"),
         "row_error_median_px": _summary(ok, "row_error_median_px"),
@@ -122,7 +124,7 @@ def failures(rows: Iterable[Row]) -> list[list[Row]]:
     """Failed frames by reason, the most frequent first; reasons that differ in numbers only are one."""
     groups: dict[str, list[Row]] = defaultdict(list)
     for row in rows:
-        if row["status"] != "ok":
+        if not succeeded(row):
             groups[_NUMBER.sub("#", row["reason"])].append(row)
     return sorted(groups.values(), key=len, reverse=True)
 

@@ -1,0 +1,52 @@
+"""Rows of a calibrated rig: right rigs pass at any noise, turned ones are marked, then lose their metres."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rig_scenes import calibration_of, make_rig, scatter
+
+from uw_recon_ros.findings import Code, Severity
+from uw_recon_ros.rectify import RectifyParams, TiePoints
+from uw_recon_ros.rectify.calibrated import rectification_from_calibration, unjudged
+from uw_recon_ros.rectify.rows import RowAgreement
+
+RIG = make_rig()
+PARAMS = RectifyParams()
+CALIBRATED = rectification_from_calibration(calibration_of(RIG), PARAMS)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05, 0.2, 0.5, 1.0])
+def test_a_right_rig_is_not_accused_by_noisy_tie_points(noise):
+    left, right, _ = RIG.see(scatter(RIG, 600, 1.0, 3.0), noise)
+    rows = RowAgreement.measured(CALIBRATED, TiePoints(left, right, RIG.width, RIG.height))
+    assert rows.findings(PARAMS) == ()
+    assert rows.noise_px == pytest.approx(0.674 * np.sqrt(2) * noise, rel=0.15, abs=0.01)  # median of |left - right|
+
+
+@pytest.mark.parametrize(("errors_px", "marked", "withheld"), [(0.2, False, False), (0.46, True, False),
+                                                               (0.81, True, False), (11.0, True, True),
+                                                               (23.0, True, True)])  # fmt: skip
+def test_shifted_rows_are_marked_and_then_lose_their_metres(errors_px, marked, withheld):
+    left, right, _ = RIG.see(scatter(RIG, 600, 1.0, 3.0), 0.08)
+    shifted = TiePoints(left, right + np.array([0.0, errors_px]), RIG.width, RIG.height)
+    found = rectification_from_calibration(calibration_of(RIG), PARAMS, shifted)
+    said = {w.code for w in found.quality.warnings if w.severity == Severity.UNRELIABLE}
+    assert bool(said) == marked
+    assert (Code.RECTIFY_SCALE_WITHHELD in said) == withheld == (not found.geometry.metric)
+
+
+def test_the_limit_grows_with_the_image():
+    rows = RowAgreement(0.5, 1.0, 0.05, 500, 800.0)
+    assert rows.unreliable(PARAMS)
+    assert not replace(rows, diagonal_px=1600.0).unreliable(PARAMS)
+
+
+def test_what_could_not_be_checked_is_said():
+    found = unjudged(CALIBRATED, "too little texture: 3 features")
+    (finding,) = found.quality.warnings
+    assert (finding.code, finding.severity) == (Code.RECTIFY_NOT_CHECKED, Severity.WARN)
+    assert "3 features" in finding.text
+    assert found.geometry.metric

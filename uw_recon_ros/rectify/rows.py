@@ -1,0 +1,117 @@
+"""Whether the rows of a calibrated pair agree: held against the image's size and the tie points' own noise.
+
+An error of the calibration, or of time between the images, bends all rows in one smooth way; the noise of tie points
+does not. So a smooth surface is fitted to the row errors, and what it leaves is the noise.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from uw_recon_ros.findings import Code, Finding, Severity
+from uw_recon_ros.rectify.params import RectifyParams
+from uw_recon_ros.rectify.rectification import Rectification, row_statistics
+from uw_recon_ros.rectify.tie_points import TiePoints
+from uw_recon_ros.types import Matrix
+
+_FEWEST = 12  # points that a surface of seven unknowns is fitted to
+_ITERATIONS = 10
+_SMALLEST_PX = 1e-3
+
+
+@dataclass(frozen=True)
+class RowAgreement:
+    """How far the rows of one rig, or one pair, disagree.
+
+    Parameters
+    ----------
+    median_px, p95_px : float
+        Of the magnitude of the row error; NaN where there are no tie points.
+    noise_px : float
+        Median magnitude of what no smooth error explains; NaN where there are too few tie points.
+    points : int
+        Tie points measured on.
+    diagonal_px : float
+        Of the images.
+    """
+
+    median_px: float = math.nan
+    p95_px: float = math.nan
+    noise_px: float = math.nan
+    points: int = 0
+    diagonal_px: float = math.nan
+
+    @classmethod
+    def measured(cls, rectification: Rectification, tie_points: TiePoints) -> RowAgreement:
+        """Measure a rectification on tie points that it was not made from."""
+        errors = rectification.row_errors(tie_points)
+        median, p95 = row_statistics(errors)
+        noise = _noise(errors, *rectification.rectified(tie_points), size=tie_points.width)
+        return cls(median, p95, noise, len(tie_points), math.hypot(tie_points.width, tie_points.height))
+
+    def limit_px(self, params: RectifyParams) -> float:
+        """Median over which a pair is marked: of the image's size or of the noise, whichever is larger."""
+        noise = 0.0 if math.isnan(self.noise_px) else self.noise_px
+        return max(1e-3 * params.row_unreliable_permille * self.diagonal_px, params.row_unreliable_noise * noise)
+
+    def withheld(self, params: RectifyParams) -> bool:
+        """Whether metres of such a pair are not given out."""
+        return self.unreliable(params) and self.median_px > self.withhold_px(params)
+
+    def withhold_px(self, params: RectifyParams) -> float:
+        """Median over which metres are withheld."""
+        return 1e-3 * params.row_withhold_permille * self.diagonal_px
+
+    def unreliable(self, params: RectifyParams) -> bool:
+        """Whether the pair is to be marked."""
+        return self.median_px > self.limit_px(params)
+
+    def findings(self, params: RectifyParams) -> tuple[Finding, ...]:
+        """What is to be told: nothing where the rows agree."""
+        if math.isnan(self.median_px):
+            return (not_checked(),)
+        if not self.unreliable(params):
+            return ()
+        return (self._disagreement(params), *([self._withholding(params)] if self.withheld(params) else []))
+
+    def _disagreement(self, params: RectifyParams) -> Finding:
+        text = (
+            f"rows disagree by {self.median_px:.2f} px (median of {self.points} tie "
+            f"points), expected up to {self.limit_px(params):.2f} px (their noise is {self.noise_px:.2f} px)"
+        )
+        advice = "look whether the pairs are of one moment, the images of the calibration's mode, the rig as it was"
+        return Finding(Code.RECTIFY_ROWS_DISAGREE, text, Severity.UNRELIABLE, advice)
+
+    def _withholding(self, params: RectifyParams) -> Finding:
+        text = (
+            f"metres withheld: rows disagree by {self.median_px:.2f} px, over {self.withhold_px(params):.2f} px the "
+            "calibration gives no scale"
+        )
+        return Finding(Code.RECTIFY_SCALE_WITHHELD, text, Severity.UNRELIABLE, "calibrate this rig, in water")
+
+
+def not_checked(why: str = "no tie points") -> Finding:
+    """What is told where rows could not be measured."""
+    text = f"row error not checked: {' '.join(why.split())}; whether the calibration fits these images is not known"
+    return Finding(Code.RECTIFY_NOT_CHECKED, text, Severity.WARN, "look at pairs with more texture")
+
+
+def _noise(errors: Matrix, left: Matrix, right: Matrix, size: int) -> float:
+    """Median magnitude of the row errors about a smooth surface in image and disparity, fitted robustly, px."""
+    known = np.isfinite(errors) & np.isfinite(left).all(axis=1) & np.isfinite(right).all(axis=1)
+    if known.sum() < _FEWEST:
+        return math.nan
+    errors = errors[known]
+    x, y = (left[known].T - left[known].mean(axis=0)[:, None]) / size
+    parallax = (left[known] - right[known]) / size
+    along = parallax[:, int(parallax[:, 1].std() > parallax[:, 0].std())]
+    surface = np.column_stack([np.ones_like(x), x, y, x * y, x * x, y * y, along])
+    residual = errors - np.median(errors)
+    for _ in range(_ITERATIONS):
+        root = 1 / np.sqrt(np.maximum(np.abs(residual), _SMALLEST_PX))  # so weighted, squares become magnitudes
+        found, *_ = np.linalg.lstsq(surface * root[:, None], errors * root, rcond=None)
+        residual = errors - surface @ found
+    return float(np.median(np.abs(residual)))
