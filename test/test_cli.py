@@ -234,7 +234,7 @@ def test_others_can_project_back_from_the_report(tmp_path: Path, vertical: bool)
 def test_rows_that_disagree_are_told_and_metres_withheld(
     tmp_path: Path, files: list[str], frame: SimulatedFrame, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    write_image(tmp_path / "right.png", np.roll(frame.right, 6, axis=0))
+    write_image(tmp_path / "right.png", np.roll(frame.right, 2, axis=0))
     out = tmp_path / "out"
     assert main(["pair", *files, "-o", str(out), "--calibration", str(tmp_path / "rig.yaml")]) == 0
     report = json.loads((out / "report.json").read_text())
