@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.errors import EstimationError
 from uw_recon_ros.findings import Code
+from uw_recon_ros.match.planes.gray import local_contrast, noise_to_contrast
 from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.types import ByteImage, Mask, RectificationQuality, RectifiedPair, Status, StereoGeometry
 from uw_recon_ros.unseen import mark_unseen
@@ -99,3 +100,13 @@ def test_the_same_mask_from_whoever_rectified() -> None:
     black = pair.left_matching.copy()
     black[:, :20] = 0
     assert (MATCH(replace(pair, left_matching=black)).status[:, :20] == Status.UNSEEN).all()
+
+
+@pytest.mark.parametrize("value", [255, 90])
+def test_a_plain_part_does_not_count_for_contrast_or_noise(value: int) -> None:
+    """Burnt out, or of one gray: it says nothing about the rest, whose contrast all images are brought to."""
+    image = texture(0).astype(np.float32)
+    plain = np.where(np.arange(HEIGHT)[:, None] < 34, image, np.float32(value))
+    assert local_contrast(plain) == pytest.approx(local_contrast(image), rel=0.2)
+    assert noise_to_contrast(plain) == pytest.approx(noise_to_contrast(image), rel=0.3)
+    assert local_contrast(np.full_like(image, value)) == noise_to_contrast(np.full_like(image, value)) == 0

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.parameter import Parameter
 from ros_bench import BANDS, BASELINE, FOCAL, FRAME, Bench, array, banded_pair, color, infos, mono, texture
 from sensor_msgs.msg import CameraInfo, Image
@@ -246,3 +247,24 @@ def test_a_rate_within_reach(bench: Bench) -> None:
     first, last = (messages.float_image_from_message(heard[i].image) for i in (0, -1))
     np.testing.assert_array_equal(first, offline(effort="navigation").disparity)
     np.testing.assert_array_equal(last, offline().disparity)
+
+
+def test_a_camera_that_shows_nothing_is_no_disparity(bench: Bench) -> None:
+    """It used to be 90 % dense, and working."""
+    node = bench.start(DisparityNode, **LIMITS)
+    heard, said = bench.listen(DisparityImage, "disparity"), bench.listen(DiagnosticArray, "/diagnostics")
+    rectifier = Rectifier(bench)
+    rectifier.connect()
+    rectifier.send(SECOND, right_image_rect=mono(np.zeros_like(RIGHT), SECOND))
+    bench.spin_until(lambda: node.diagnostics.drops == {"EstimationError": 1})
+    bench.spin_until(lambda: any(m.status[0].level == DiagnosticStatus.ERROR for m in said))
+    worst = next(m.status[0] for m in said if m.status[0].level == DiagnosticStatus.ERROR)
+    assert worst.message.startswith("right image: expected a scene")
+    half = RIGHT.copy()
+    half[len(half) // 2 :] = 0
+    rectifier.send(2 * SECOND, right_image_rect=mono(half, 2 * SECOND))
+    bench.spin_until(lambda: heard)
+    found = messages.float_image_from_message(heard[0].image)
+    np.testing.assert_array_equal(found, offline(right=half).disparity)
+    assert not np.isfinite(found[len(half) // 2 + 1 :]).any()
+    assert np.isfinite(found[: len(half) // 2]).mean() > 0.5

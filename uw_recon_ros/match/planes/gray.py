@@ -20,6 +20,7 @@ SMOOTHING = 0.9  #: standard deviation of the smoothing there, px
 LEAST_CONTRAST = 1.0  #: less is taken for this, gray levels
 MOST = 8000  #: units from the median, at most
 _CONTRAST_WINDOW = 9
+_ONE_VALUE = 0.1  # standard deviation that rounding leaves in a window of one value
 
 Gray = NDArray[np.int16]
 
@@ -53,16 +54,29 @@ def noise_to_contrast(gray: FloatImage) -> float:
     if min(gray.shape) < _CONTRAST_WINDOW:
         return 0.0
     kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
-    noise = np.median(np.abs(cv2.filter2D(gray, -1, kernel))) / 0.6745 / 6
-    return float(noise / max(local_contrast(gray), 1e-3))
+    spread = _spread(gray)
+    uneven = spread > _ONE_VALUE
+    if not uneven.any():
+        return 0.0
+    noise = np.median(np.abs(cv2.filter2D(gray, -1, kernel))[uneven]) / 0.6745 / 6
+    return float(noise / max(float(np.median(spread[uneven])), 1e-3))
 
 
 def local_contrast(gray: FloatImage | Gray) -> float:
-    """Median standard deviation within 9x9 pixels, in units of the image."""
+    """Median standard deviation within 9x9 pixels, in units of the image; windows of one value do not count.
+
+    Where half an image is burnt out or black, the median of all windows would be that of nothing: 0.
+    """
+    spread = _spread(gray)
+    uneven = spread > _ONE_VALUE
+    return float(np.median(spread[uneven])) if uneven.any() else 0.0
+
+
+def _spread(gray: FloatImage | Gray) -> FloatImage:
     values = gray.astype(np.float32)
     window = (_CONTRAST_WINDOW, _CONTRAST_WINDOW)
     mean = cv2.blur(values, window)
-    return float(np.median(np.sqrt(np.maximum(cv2.blur(values * values, window) - mean * mean, 0))))
+    return np.asarray(np.sqrt(np.maximum(cv2.blur(values * values, window) - mean * mean, 0)), np.float32)
 
 
 def mix(image: ByteImage, evenness: float) -> FloatImage:
