@@ -1,11 +1,16 @@
 """All metadata, for colcon (ament_python) and pip alike; pyproject.toml holds the build system and tools only."""
 
+import re
 from glob import glob
 from pathlib import Path
 
 from setuptools import find_packages, setup
 
 NAME = "uw_recon_ros"
+# colcon --symlink-install runs a link to this file from the build folder
+ROOT = Path(__file__).resolve().parent
+#: The one place of the version is package.xml, where ROS's tools look for it.
+VERSION = re.search(r"<version>(.*?)</version>", (ROOT / "package.xml").read_text(encoding="utf-8"))[1]
 NODES = ["preprocess_node", "rectify_node", "disparity_node", "point_cloud_node", "pipeline_node", "bag_player_node"]
 MESSAGES = ["sensor-msgs", "stereo-msgs", "diagnostic-msgs", "std-srvs", "visualization-msgs"]
 MESSAGES += ["rosgraph-msgs", "lifecycle-msgs"]
@@ -28,10 +33,9 @@ def ros_wheels(distro: str) -> list[str]:
 
 setup(
     name=NAME,
-    version="0.1.0",
+    version=VERSION,
     description="Underwater stereo reconstruction as a ROS 2 node graph",
-    # colcon --symlink-install runs a link to this file from the build folder
-    long_description=(Path(__file__).resolve().parent / "README.md").read_text(encoding="utf-8"),
+    long_description=(ROOT / "README.md").read_text(encoding="utf-8"),
     long_description_content_type="text/markdown",
     author="The uw_recon_ros maintainers",
     author_email="maintainers@users.noreply.example",

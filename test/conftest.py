@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
+import os
+
 import pytest
+from hypothesis import settings
+
+# In CI the same examples every time; elsewhere others each time, and a failure prints how to see it again.
+settings.register_profile("ci", derandomize=True, deadline=None)
+settings.register_profile("default", deadline=None, print_blob=True)
+settings.load_profile("ci" if os.environ.get("CI") else "default")
 
 
 @pytest.fixture(scope="session")

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+import uw_recon_ros
 from uw_recon_ros import executables
 from uw_recon_ros.catalogue import ALL_PARAMS
 from uw_recon_ros.params import read_parameter_file
@@ -97,6 +98,12 @@ def console_scripts() -> dict[str, str]:
     source = (ROOT / "setup.py").read_text(encoding="utf-8")
     nodes = ast.literal_eval(re.search(r"^NODES = (\[.*\])$", source, re.MULTILINE)[1])  # type: ignore[index]
     return {node: f"uw_recon_ros.nodes.{node}" for node in nodes} | {"uw_recon": "uw_recon_ros.cli"}
+
+
+def test_the_version_is_that_of_package_xml() -> None:
+    told = re.search(r"<version>(.*?)</version>", (ROOT / "package.xml").read_text(encoding="utf-8"))[1]  # type: ignore[index]
+    assert uw_recon_ros.__version__ == told, "make anew: pip install -e ."
+    assert f"version: {told}" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
 
 
 def test_entry_points_exist() -> None:

@@ -36,7 +36,7 @@ def test_other_forms_of_a_format() -> None:
 
 
 @pytest.mark.parametrize("extension", FORMATS)
-@settings(derandomize=True, max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(share=st.floats(0, 0.9), place=st.integers(0, 40), value=st.integers(0, 255))
 def test_what_is_damaged_or_cut_is_read_or_refused_and_nothing_else(
     extension: str, share: float, place: int, value: int

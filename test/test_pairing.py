@@ -27,7 +27,7 @@ def test_tolerance_is_inclusive() -> None:
 STAMPS = st.lists(st.integers(0, 60), max_size=14, unique=True).map(sorted)
 
 
-@settings(max_examples=80, derandomize=True, deadline=None)
+@settings(max_examples=80)
 @given(STAMPS, STAMPS, st.integers(0, 4), st.randoms(use_true_random=False))
 def test_arrival_order_does_not_matter(left: list[int], right: list[int], tolerance: int, random: object) -> None:
     expected = [(left[i], right[j]) for i, j in align([left, right], tolerance)[0]]
@@ -41,7 +41,7 @@ def test_arrival_order_does_not_matter(left: list[int], right: list[int], tolera
     assert all(abs(a - b) <= tolerance for a, b in got)
 
 
-@settings(max_examples=60, derandomize=True, deadline=None)
+@settings(max_examples=60)
 @given(STAMPS, STAMPS)
 def test_exact_pairs_are_the_common_stamps(left: list[int], right: list[int]) -> None:
     assert [left[i] for i, _ in align([left, right])[0]] == sorted(set(left) & set(right))

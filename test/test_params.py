@@ -11,6 +11,13 @@ from uw_recon_ros.params import Params, param, read_parameter_file, unknown_name
 
 
 @dataclass(frozen=True)
+class Boundless(Params):
+    """A number without limits."""
+
+    number: float = param(0.0, "Any number.")
+
+
+@dataclass(frozen=True)
 class Example(Params):
     """An example."""
 
@@ -34,6 +41,13 @@ def test_integers_pass_for_floats_and_nothing_else_does() -> None:
 def test_values_outside_are_refused_by_name(wrong: dict[str, object]) -> None:
     with pytest.raises(ValueError, match=f"{next(iter(wrong))}: expected .*got"):
         Example(**wrong)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("wrong", [float("inf"), -float("inf"), float("nan")])
+def test_a_number_without_limits_is_still_finite(wrong: float) -> None:
+    assert Boundless(number=-1e300).number == -1e300
+    with pytest.raises(ValueError, match="number: expected a float, got"):
+        Boundless(number=wrong)
 
 
 def test_parameter_file_merges_sections_in_order(tmp_path: Path) -> None:

@@ -144,6 +144,16 @@ def test_sources_wait_unopened_until_their_turn() -> None:
     assert [message.stamp_ns for message in merged] == [4, 100, 101, 102]
 
 
+def test_equal_times_keep_the_order_of_the_sources() -> None:
+    def source(name: str, *stamps: int) -> tuple[int, object]:
+        return stamps[0], lambda: iter([RawMessage(name, "x", stamp, b"") for stamp in stamps])
+
+    merged = merge_by_time([source("c", 5, 6), source("a", 0, 5, 6), source("b", 5, 5, 6)])  # type: ignore[list-item]
+    assert [(m.stamp_ns, m.topic) for m in merged] == [
+        (0, "a"), (5, "c"), (5, "a"), (5, "b"), (5, "b"), (6, "c"), (6, "a"), (6, "b"),
+    ]  # fmt: skip
+
+
 def test_offered_qos_is_read_in_both_spellings() -> None:
     numbers = "- {history: 1, depth: 5, reliability: 2, durability: 1, deadline: {sec: 0, nsec: 0}}"
     names = [{"history": "keep_last", "depth": 5, "reliability": "best_effort", "durability": "transient_local"}]

@@ -26,8 +26,8 @@ from sights import (
 
 from uw_recon_ros.doctor.cameras import offsets_ms
 from uw_recon_ros.doctor.chain import TYPES
-from uw_recon_ros.doctor.diagnose import diagnose
-from uw_recon_ros.doctor.finding import Level
+from uw_recon_ros.doctor.diagnose import Diagnosis, diagnose
+from uw_recon_ros.doctor.finding import Level, fail, warn
 from uw_recon_ros.doctor.near_misses import actual_names, for_image, says_eye
 from uw_recon_ros.doctor.observation import (
     Arrivals,
@@ -411,6 +411,14 @@ def test_nobody_listens_or_elsewhere() -> None:
     astray = Topic("/points2", subscribers=(Endpoint("/rviz2", POINT_CLOUD),))
     seen = replace(spoil(healthy(), "points2", name="/rov/points2"), others=(astray,))
     assert "waiting where nobody publishes: /rviz2 on /points2 (ours is /rov/points2)" in warnings(seen)
+
+
+def test_that_nobody_listens_is_no_cause_of_a_missing_cloud() -> None:
+    """It is the doctor that listens then; another doubt is."""
+    nobody, doubt = warn("listeners", "nobody but this doctor listens"), warn("cameras", "2 publishers")
+    missing = fail("cloud", "no cloud", symptom=True)
+    assert Diagnosis(healthy(), (nobody, missing)).cause is missing
+    assert Diagnosis(healthy(), (nobody, doubt, missing)).cause is doubt
 
 
 def test_little_shared_memory() -> None:

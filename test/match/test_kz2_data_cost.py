@@ -23,7 +23,7 @@ TABLE = {
 }
 
 
-@settings(derandomize=True, max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 10**6), st.integers(1, 4), st.integers(1, 9), st.sampled_from([1, 3]), st.integers(-4, 4))
 def test_row_costs_are_symmetric_birchfield_tomasi(
     seed: int, height: int, width: int, channels: int, disparity: int
@@ -36,7 +36,7 @@ def test_row_costs_are_symmetric_birchfield_tomasi(
         assert costs.tolist() == [cost(left, right, row, u, disparity) for u in range(start, stop)]
 
 
-@settings(derandomize=True, max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 10**6), st.integers(1, 3), st.integers(1, 12), st.integers(-5, 3), st.integers(0, 9))
 def test_occlusion_cost_is_the_mean_quartile_of_the_costs(
     seed: int, height: int, width: int, low: int, extent: int
@@ -55,7 +55,7 @@ def test_occlusion_cost_is_the_mean_quartile_of_the_costs(
     assert found == pytest.approx(max(1.0, float(np.mean(smallest)) if smallest else 1.0))
 
 
-@settings(derandomize=True, max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.floats(1, 1000), st.floats(0.2, 300))
 def test_fractions_are_the_best_of_their_kind(occlusion_cost: float, smoothness: float) -> None:
     constants = make_constants(occlusion_cost, smoothness)

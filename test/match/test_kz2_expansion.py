@@ -48,7 +48,7 @@ def best(left: Image, right: Image, constants: Constants, candidates: Iterator[N
     return min(energy(left, right, labels, constants) for labels in candidates)
 
 
-@settings(derandomize=True, max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(0, 10**6), SHAPES, st.sampled_from([1, 3]), st.sampled_from([40.0, 120.0, 300.0]))
 def test_each_move_is_the_best_there_is(
     seed: int, shape: tuple[int, int], channels: int, occlusion_cost: float
@@ -64,7 +64,7 @@ def test_each_move_is_the_best_there_is(
             assert expansion.energy == energy(left, right, expansion.labels, constants) == expected
 
 
-@settings(derandomize=True, max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 10**6), SHAPES, st.sampled_from([40.0, 120.0]))
 def test_in_the_end_no_expansion_helps_not_even_one_that_drops_alpha(
     seed: int, shape: tuple[int, int], occlusion_cost: float
@@ -77,7 +77,7 @@ def test_in_the_end_no_expansion_helps_not_even_one_that_drops_alpha(
         assert best(left, right, result.constants, moves(result.labels, alpha, alpha_stays=False)) >= result.energy
 
 
-@settings(derandomize=True, max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(0, 10**6), st.integers(1, 60), st.integers(1, 60), st.integers(-9, 3), st.integers(1, 8))
 def test_reported_energy_is_true_and_never_rises(seed: int, height: int, width: int, low: int, extent: int) -> None:
     left, right = random_pair(np.random.RandomState(seed), height, width, 3)

@@ -107,7 +107,7 @@ def solve(graph: Graph, alpha: int, rows: int, bands: int) -> tuple[int, set[int
 
 
 @pytest.mark.parametrize("bands", [1, 2, 3])
-@settings(derandomize=True, max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(0, 10**6), st.integers(3, 6), st.integers(1, 7), st.integers(-2, 3))
 def test_flow_and_source_side_equal_scipys(bands: int, seed: int, height: int, width: int, alpha: int) -> None:
     graph = random_graph(seed, height, width, alpha)

@@ -40,7 +40,7 @@ def expected_for(alpha: int, v: int, u: int, disparity: int) -> np.ndarray:
     return expected
 
 
-@settings(derandomize=True, max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.integers(0, HEIGHT - 1),
     st.integers(0, WIDTH - 1),

@@ -199,7 +199,7 @@ def bombard(subject: Subject, flaws: st.SearchStrategy[bad.Bad], number: int, *,
     done = []
 
     @settings(
-        derandomize=True, database=None, deadline=None, max_examples=max(number // BATCH, 1), phases=[Phase.generate],
+        database=None, max_examples=max(number // BATCH, 1), phases=[Phase.generate],
         suppress_health_check=list(HealthCheck),
     )  # fmt: skip
     @given(st.lists(flaws, min_size=BATCH, max_size=BATCH))

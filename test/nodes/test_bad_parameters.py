@@ -118,7 +118,7 @@ def test_any_values_at_all(client: Client) -> None:
     )  # fmt: skip
 
     @settings(
-        derandomize=True, database=None, deadline=None, max_examples=10, phases=[Phase.generate],
+        database=None, max_examples=10, phases=[Phase.generate],
         suppress_health_check=list(HealthCheck),
     )  # fmt: skip
     @given(st.lists(st.tuples(st.sampled_from(sorted(client.specs)), anything), min_size=30, max_size=30))

@@ -27,7 +27,7 @@ def test_values_of_equations_9_and_10() -> None:
     np.testing.assert_allclose(diffuse(image, rate=0.25, iterations=2), expected, atol=1e-14)
 
 
-@settings(derandomize=True, max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     st.integers(1, 20), st.integers(1, 20), st.floats(0.01, 5.0), st.floats(0.0, 0.25), st.integers(0, 12),
     st.sampled_from([np.float32, np.float64]),

@@ -14,7 +14,7 @@ from uw_recon_ros.preprocess.extension import (
 )
 
 
-@settings(derandomize=True, max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.integers(1, 70), st.integers(1, 70), st.sampled_from([0, 1, 3]),
     st.sampled_from([np.uint8, np.uint16, np.float32, np.float64]),
@@ -36,7 +36,7 @@ def test_any_size_comes_back_exactly(height: int, width: int, channels: int, dty
     np.testing.assert_array_equal(crop_extension(extended, height, width), image)
 
 
-@settings(derandomize=True, max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(1, 40), st.integers(1, 40))
 def test_extension_is_the_mirror_image(height: int, width: int) -> None:
     image = np.random.default_rng(7).random((height, width))

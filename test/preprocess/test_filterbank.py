@@ -9,14 +9,14 @@ from hypothesis import strategies as st
 from uw_recon_ros.preprocess.filterbank import FARRAS, WAVELETS, analyse, named_wavelet, noise_gains, synthesise
 
 
-@settings(derandomize=True, max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(1, 40), st.integers(1, 40))
 def test_perfect_reconstruction(half_height: int, half_width: int) -> None:
     image = np.random.default_rng(half_height).random((2 * half_height, 2 * half_width))
     np.testing.assert_allclose(synthesise(*analyse(image)), image, rtol=0, atol=1e-12)
 
 
-@settings(derandomize=True, max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(1, 40), st.integers(1, 40))
 def test_coefficients_are_those_of_pywavelets(half_height: int, half_width: int) -> None:
     image = np.random.default_rng(half_width).normal(0, 1, (2 * half_height, 2 * half_width))

@@ -138,7 +138,7 @@ def test_only_the_strongest_are_returned() -> None:
     assert find_moire(image, max_waves=1) == pytest.approx(np.array([[0.3, 0.1]]), abs=1e-3)
 
 
-@settings(derandomize=True, max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(
     st.integers(32, 90), st.integers(32, 90), st.floats(-0.4, 0.4), st.floats(0.1, 0.4),
     st.sampled_from([np.float32, np.float64]),

@@ -157,7 +157,7 @@ def test_moire_is_gone_from_what_is_matched() -> None:
     assert psnr(out.left_matching / 255, clean) > psnr(striped / 255, clean) + 15
 
 
-@settings(derandomize=True, max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(1, 70), st.integers(1, 70), st.booleans(), st.sampled_from(["paper", "matching", "none"]))
 def test_any_size(height: int, width: int, color: bool, profile: str) -> None:
     shape = (height, width, 3) if color else (height, width)

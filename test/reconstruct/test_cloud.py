@@ -71,7 +71,7 @@ def test_cloud_frames_differ_by_the_rectifying_rotation():
         np.testing.assert_allclose(a @ np.array(rotation).T, b, atol=1e-5)
 
 
-@settings(derandomize=True, max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.integers(0, 10_000), st.floats(0.02, 0.7))
 def test_thinned_points_are_the_means_of_their_voxels(seed, voxel):
     points = np.random.default_rng(seed).uniform(-1, 1, (400, 3)).astype(np.float32)
@@ -84,7 +84,7 @@ def test_thinned_points_are_the_means_of_their_voxels(seed, voxel):
     np.testing.assert_allclose(found, expected, atol=1e-5)
 
 
-@settings(derandomize=True, max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.integers(0, 10_000), st.integers(8, 400))
 def test_the_thinned_cloud_is_bounded_in_number(seed, most):
     points = np.random.default_rng(seed).uniform(-1, 1, (400, 3))

@@ -81,7 +81,7 @@ def test_points_and_passes_are_bounded(name: str, voxel: float, most: int, passe
         assert len(thin.points) == 1
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     count=st.integers(0, 400),
     scale=st.floats(-3, 3),

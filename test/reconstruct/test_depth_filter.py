@@ -53,7 +53,7 @@ def test_a_step_stays_where_it_is(height):
     assert error[:, 60:68].mean() < 0.1  # a linear blur of the same strength leaves over height / 4
 
 
-@settings(derandomize=True, max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.floats(-0.6, 0.6), st.floats(-0.6, 0.6), st.floats(-50, 50))
 def test_planes_are_left_as_they_are(slope_u, slope_v, base):
     v, u = grid()
@@ -116,7 +116,7 @@ def test_fit_equals_weighted_least_squares_written_out():
     assert planes.support[2, 2] == pytest.approx(w.sum(), rel=1e-4)
 
 
-@settings(derandomize=True, max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(0, 1000), st.integers(0, 30), st.sampled_from([0.5, 1.0, 2.5]))
 def test_speckles_agree_with_a_graph_search(seed, area, jump):
     rng = np.random.default_rng(seed)

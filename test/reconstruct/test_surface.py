@@ -166,7 +166,7 @@ def test_oblique_triangles_are_dropped_beyond_noise_only():
     assert len(build_surface(uncertain, picture(), **steps).faces) > 2 * len(surface_of(floor, **steps).faces)
 
 
-@settings(derandomize=True, max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(st.integers(0, 10_000), st.floats(0.002, 0.3))
 def test_no_triangle_covers_an_invalid_pixel(seed, share):
     rng = np.random.default_rng(seed)

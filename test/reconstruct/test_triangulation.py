@@ -50,7 +50,7 @@ def test_points_come_back_from_their_two_projections(name):
     np.testing.assert_allclose(points.reshape(-1, 3), truth, rtol=2e-5, atol=1e-5)
 
 
-@settings(derandomize=True, max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.floats(-300, 300), st.floats(-300, 300), st.sampled_from(sorted(GEOMETRIES)))
 def test_a_shift_of_either_principal_point_is_taken_out_again(left, right, name):
     """Moving a view's principal point moves its pixels: the same point, another disparity."""

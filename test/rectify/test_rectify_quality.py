@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from rig_scenes import intrinsics, make_rig, scatter, tie_points, tie_points_of
+from scipy.spatial.transform import Rotation
 
 from uw_recon_ros.rectify import RectifyParams
 from uw_recon_ros.rectify.quality import flatness_warnings, homography_distortion, homography_share, refusals
@@ -53,6 +54,17 @@ def test_an_epipole_in_the_image_is_refused_however_well_the_rows_agree():
     assert refusals(views, sideways, points, (0.1, 0.3), RectifyParams()) == []
     (reason,) = refusals(views, sideways, points, (0.9, 2.1), RectifyParams())
     assert f"up to 2 px, got 2.10 px (median 0.90 px, {len(points)} tie points)" in reason
+
+
+@pytest.mark.parametrize(("roll_deg", "refused"), [(55, False), (-55, False), (65, True), (-80, True), (90, True)])
+def test_a_view_turned_by_more_than_60_degrees_is_refused(roll_deg, refused):
+    k = intrinsics(640, 480, 620.0)
+    turned = View(k, Rotation.from_euler("z", roll_deg, degrees=True).as_matrix(), k)
+    sideways = np.array([[0.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+    points = tie_points(make_rig())
+    views = turned, View(k, np.eye(3), k)
+    reasons = refusals(views, sideways, points, (0.1, 0.3), RectifyParams())
+    assert any(f"left image would be turned by {roll_deg} deg" in reason for reason in reasons) is refused
 
 
 def test_row_statistics_count_lost_points_as_infinite():

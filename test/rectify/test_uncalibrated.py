@@ -76,7 +76,7 @@ def test_maps_are_the_views():
         np.testing.assert_allclose(raw[200, 100], view.raw(pixel)[0], atol=1e-3)
 
 
-@settings(derandomize=True, max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(seed=st.integers(0, 10_000), vertical=st.booleans())
 def test_random_rigs(seed, vertical):
     rig = random_rig(seed, vertical=vertical)

@@ -51,7 +51,7 @@ ratios = st.floats(1.05, 40.0)
 firsts = st.floats(0.01, 0.95)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(first=firsts, second=ratios, third=ratios)
 def test_steady_times(first: float, second: float, third: float) -> None:
     """The rate is held but for rare trials, and the most that fits comfortably is found and kept."""
@@ -69,7 +69,7 @@ def test_steady_times(first: float, second: float, third: float) -> None:
     assert not run.governor.missed
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(first=firsts, second=ratios, third=ratios, noise=st.floats(0.0, 0.2), seed=st.integers(0, 2**31))
 def test_noisy_times(first: float, second: float, third: float, noise: float, seed: int) -> None:
     """No flapping, and few late frames beyond those that the noise makes late at the least effort."""

@@ -109,7 +109,7 @@ def test_truncated_compressed_image_is_refused() -> None:
     big=st.booleans(),
     seed=st.integers(0, 99),
 )
-@settings(derandomize=True, max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_float_image_honours_step_and_order(width: int, height: int, padding: int, big: bool, seed: int) -> None:
     values = np.random.default_rng(seed).normal(size=(height, width)).astype(np.float32)
     rows = values.astype(">f4" if big else "<f4").view(np.uint8).reshape(height, 4 * width)
@@ -136,7 +136,7 @@ def test_what_is_wrong_with_a_float_image_is_said(message: Image, words: str) ->
 
 
 @given(seed=st.integers(0, 1000), width=st.integers(1, 9), height=st.integers(1, 9))
-@settings(derandomize=True, max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_color_survives_the_wire(seed: int, width: int, height: int) -> None:
     pixels = np.random.default_rng(seed).integers(0, 256, (height, width, 3), np.uint8)
     received = deserialize_message(serialize_message(messages.image_message(pixels, HEAD)), Image)

@@ -24,7 +24,7 @@ def test_rows_come_back(tmp_path: Path) -> None:
         assert store.rows() == {row["frame"]: row for row in ROWS}
 
 
-@settings(derandomize=True, max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(share=st.floats(0, 1), rubbish=st.binary(max_size=8))
 def test_a_journal_cut_anywhere_keeps_its_whole_rows_and_goes_on(
     share: float, rubbish: bytes, tmp_path_factory: pytest.TempPathFactory
