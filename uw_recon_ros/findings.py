@@ -71,6 +71,11 @@ class Finding:
     severity: Severity = Severity.WARN
     advice: str = ""
 
+    def __post_init__(self) -> None:
+        """Take the names that files hold as well."""
+        object.__setattr__(self, "code", Code(self.code))
+        object.__setattr__(self, "severity", Severity(self.severity))
+
     def __str__(self) -> str:
         """What is read: the text, and what to do."""
         return f"{self.text}: {self.advice}" if self.advice else self.text

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from uw_recon_ros.findings import Code, Finding, Severity
 from uw_recon_ros.survey.packed import pack, unpack
 from uw_recon_ros.types import RectificationQuality, Window
 
@@ -46,3 +47,11 @@ def test_only_expected_classes_are_made() -> None:
 def test_what_is_no_data_is_refused() -> None:
     with pytest.raises(TypeError, match="got builtin_function_or_method"):
         pack([print])
+
+
+def test_findings_come_back_as_what_they_were() -> None:
+    found = Finding(Code.RECTIFY_FLAT_SCENE, "flat", Severity.UNRELIABLE, "dive deeper")
+    (back,) = unpack(pack((found,)), [Finding])
+    assert back == found
+    assert isinstance(back.code, Code)
+    assert isinstance(back.severity, Severity)

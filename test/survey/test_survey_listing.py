@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -145,10 +146,10 @@ def test_undecodable_images_are_listed_and_refused_one_by_one(tmp_path: Path) ->
     sources = find_sources([write_mcap(tmp_path / "bag.mcap", broken)])
     listing = list_frames(sources, SurveyParams())
     assert len(listing.frames) == 12
-    reader = Reader(sources, [])
-    assert reader.read(listing.frames[2]).stamp_ns == 200 * MS
-    with pytest.raises(ReconError, match="/left/image_raw"):
-        reader.read(listing.frames[3])
+    with closing(Reader(sources, [])) as reader:
+        assert reader.read(listing.frames[2]).stamp_ns == 200 * MS
+        with pytest.raises(ReconError, match="/left/image_raw"):
+            reader.read(listing.frames[3])
 
 
 def test_stamps_near_each_other_are_paired_within_the_tolerance_only(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from uw_recon_ros import __version__
+from uw_recon_ros.findings import Finding
 from uw_recon_ros.match.stage import MatchParams
 from uw_recon_ros.pipeline import PipelineParams
 from uw_recon_ros.preprocess.stage import PreprocessParams
@@ -114,7 +115,7 @@ class Task:
 
 _CLASSES = (
     Plan, Source, StereoCalibration, CameraModel, SurveyParams, PipelineParams, PreprocessParams, RectifyParams,
-    MatchParams, ReconstructParams, Rectification, View, StereoGeometry, RectificationQuality, Window,
+    MatchParams, ReconstructParams, Rectification, View, StereoGeometry, RectificationQuality, Finding, Window,
 )  # fmt: skip
 
 
