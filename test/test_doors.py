@@ -230,3 +230,19 @@ def test_a_pair_without_any_depth(tmp_path: Path, capfd: pytest.CaptureFixture[s
     assert not FOREIGN.search(told[0]), told[0]
     assert "a fault of ours" not in told[0]
     assert (out / "report.json").exists()
+
+
+def test_a_long_thin_image_takes_no_more_than_a_few_times_its_pixels() -> None:
+    """65536 x 1 px asked for 17 GB; the address space here has room for half of one."""
+    code = """
+import resource
+import numpy as np
+from uw_recon_ros.preprocess.stage import Preprocess, PreprocessParams
+from uw_recon_ros.types import StereoPair
+thin = np.random.default_rng(0).integers(0, 256, (1, 65536), np.uint8)
+room = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize() + 2**29
+resource.setrlimit(resource.RLIMIT_AS, (room, room))
+assert Preprocess(PreprocessParams())(StereoPair(thin, thin)).left.shape == (1, 65536, 3)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr[-1500:]

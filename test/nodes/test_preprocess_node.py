@@ -72,6 +72,18 @@ def test_cameras_faster_than_asked_for_are_passed_over(bench: Bench) -> None:
     bench.spin_until(lambda: [messages.stamp_ns(m) for m in heard] == [SECOND, 4 * SECOND])
 
 
+def test_images_over_max_pixels_are_refused_before_they_are_decoded(bench: Bench) -> None:
+    node = bench.start(PreprocessNode, max_pixels=LEFT.shape[0] * LEFT.shape[1] - 1)
+    heard = bench.listen(Image, "left/image_enhanced")
+    cameras = Cameras(bench)
+    bench.connected(cameras.left, cameras.right)
+    cameras.send(SECOND)
+    bench.spin_until(lambda: node.diagnostics.drops == {"ImageError": 1})
+    node.set_parameters([Parameter("max_pixels", value=LEFT.shape[0] * LEFT.shape[1])])
+    cameras.send(2 * SECOND)
+    bench.spin_until(lambda: [messages.stamp_ns(m) for m in heard] == [2 * SECOND])
+
+
 def test_it_subscribes_only_while_somebody_listens(bench: Bench) -> None:
     node = bench.start(PreprocessNode)
     cameras = Cameras(bench)
