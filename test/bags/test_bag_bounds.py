@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 
 import pytest
@@ -15,7 +16,7 @@ import zstandard
 from bag_makers import recording, write_mcap
 from bag_mutants import CHANNEL, CHUNK, CHUNK_INDEX, MESSAGE, SCHEMA, STATISTICS, chunk, joined, string
 
-from uw_recon_ros.bags import open_bag
+from uw_recon_ros.bags import mcap_index, open_bag
 from uw_recon_ros.bounds import BYTES_PER_STEP, MOST_QOS_TEXT, MOST_UNPACKED, SPARE_BYTES, SPARE_STEPS, Budget
 
 CHILD = """
@@ -162,6 +163,15 @@ def test_the_cost_is_bounded_by_the_size_of_the_file(tmp_path: Path, name: str) 
     assert cost["grown"] < 6 * SPARE_BYTES + 40 * len(data)
     if name != "nested chunks":
         assert any(word in " ".join(cost["told"]) for word in SAID)
+
+
+def test_an_index_of_chunks_within_each_other_is_not_believed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    data = nested_chunks()
+    assert mcap_index.read_summary(BytesIO(data), len(data)) is None
+    monkeypatch.setattr(mcap_index, "_apart", lambda chunks: True)
+    believed = mcap_index.read_summary(BytesIO(data), len(data))
+    assert believed is not None, "nothing else is wrong with it"
+    assert sum(block.length for block in believed.chunks) > 50 * len(data)
 
 
 def test_a_budget_counts_down_to_a_refusal() -> None:

@@ -107,7 +107,9 @@ def test_what_cannot_be_packed(tmp_path: Path) -> None:
     write_image(tmp_path / "right" / "right_3.png", still(0)[:6])
     refused(tmp_path, left, right, match=r"right_3\.png: expected 16x12 px colour 8 bit as left_0\.png, got 16x6 px")
     (tmp_path / "right" / "right_3.png").write_bytes(b"no image")
-    refused(tmp_path, left, right, match=r"right_3\.png: expected an image file: compressed image: expected JPEG or PNG")
+    refused(
+        tmp_path, left, right, match=r"right_3\.png: expected an image file: compressed image: expected JPEG or PNG"
+    )
 
 
 def test_a_calibration_for_another_size(tmp_path: Path) -> None:
