@@ -75,7 +75,7 @@ def test_what_cannot_be_rectified_leaves_a_report_with_the_reason(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for eye in ("left", "right"):
-        write_image(tmp_path / f"{eye}.png", np.full((120, 160, 3), 90, np.uint8))
+        write_image(tmp_path / f"{eye}.png", np.full((120, 160, 3), 90 if eye == "left" else 91, np.uint8))
     out = tmp_path / "out"
     assert main(["pair", str(tmp_path / "left.png"), str(tmp_path / "right.png"), "-o", str(out)]) == 1
     error = capsys.readouterr().err.strip().splitlines()[-1]
@@ -256,3 +256,43 @@ def test_a_failing_preprocess_leaves_a_report(
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert report["failed"] == {"stage": "preprocess", "code": "image", "text": "too large"}
     assert report["rectification"]["refused"] is None
+
+
+def textured_pair(folder: Path, dtype: type = np.uint8) -> list[str]:
+    left = np.random.default_rng(0).integers(0, 255 if dtype == np.uint8 else 4095, (60, 90)).astype(dtype)
+    write_image(folder / "l.png", left)
+    write_image(folder / "r.png", np.roll(left, -4, axis=1))
+    return ["disparity", str(folder / "l.png"), str(folder / "r.png"), "--max-disparity", "8", "--method", "kz2"]
+
+
+@pytest.mark.parametrize("name", ["d.pfm", "d.tiff", "d.png"])
+def test_disparity_is_written_as_its_name_says(tmp_path: Path, name: str) -> None:
+    arguments = [*textured_pair(tmp_path, np.uint16), "-o", str(tmp_path / name)]
+    assert main(arguments) == 0
+    read = cv2.imread(str(tmp_path / name), cv2.IMREAD_UNCHANGED)
+    assert read.dtype == (np.uint16 if name == "d.png" else np.float32)
+    values = read / 256 if name == "d.png" else read
+    assert np.median(values[np.isfinite(values) & (values != 0)]) == 4
+
+
+def test_disparity_refuses_before_it_works(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = textured_pair(tmp_path)
+    (tmp_path / "mine.pfm").write_text("precious")
+    for output, words in (("mine.pfm", "--overwrite replaces it"), ("d.jpg", "expected a name that ends in .pfm"),
+                          ("nowhere/d.pfm", "expected a folder that can be written to"), (".", "ends in")):  # fmt: skip
+        assert main([*arguments, "-o", str(tmp_path / output)]) == 1
+        assert words in capsys.readouterr().err
+    assert (tmp_path / "mine.pfm").read_text() == "precious"
+    assert main([*arguments, "-o", str(tmp_path / "mine.pfm"), "--overwrite"]) == 0
+
+
+def test_identical_and_exchanged_images_are_noticed(
+    tmp_path: Path, files: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    left, right = files[:2]
+    output = ["-o", str(tmp_path / "d.pfm")]
+    assert main(["disparity", left, left, *output]) == 1
+    assert main(["pair", left, left, "-o", str(tmp_path / "out")]) == 1
+    assert capsys.readouterr().err.count("the same twice") == 2
+    assert main(["disparity", right, left, *output]) == 1
+    assert "exchanged images" in capsys.readouterr().err

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from uw_recon_ros import __version__
 from uw_recon_ros.errors import ReconError
+from uw_recon_ros.pairing import PAIR_TOLERANCE_MS
 from uw_recon_ros.progress import progress, say
 from uw_recon_ros.survey.command import add_survey
 from uw_recon_ros.system_errors import explain, our_fault
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 OK, FAILED, USAGE = 0, 1, 2
 _LONGEST_LOOK_S = 3600.0
+_LARGEST_TOLERANCE_MS = 1e3
 
 
 class _UsageError(Exception):
@@ -73,7 +75,7 @@ def _disparity(args: argparse.Namespace) -> int:
 
     names = ("min_disparity", "max_disparity", "method", "effort")
     params = _params(args, **{name: getattr(args, name) for name in names})
-    report = match_files(args.left, args.right, args.output, params.match)
+    report = match_files(args.left, args.right, args.output, params.match, overwrite=args.overwrite)
     _warn(report["warnings"])
     sys.stdout.write(json.dumps(report) + "\n")
     return OK
@@ -101,8 +103,13 @@ def _pack(args: argparse.Namespace) -> int:
 def _info(args: argparse.Namespace) -> int:
     from uw_recon_ros.bags.info import bag_info
 
-    sys.stdout.write(f"{bag_info(args.bag)}\n")
-    return OK
+    if not 0 <= args.pair_tolerance_ms <= _LARGEST_TOLERANCE_MS:
+        raise _UsageError(
+            f"--pair-tolerance-ms: expected 0 to {_LARGEST_TOLERANCE_MS:g}, got {args.pair_tolerance_ms:g}"
+        )
+    found = bag_info(args.bag, tolerance_ns=round(args.pair_tolerance_ms * 1e6))
+    sys.stdout.write(f"{json.dumps(found.as_dict(), allow_nan=False) if args.json else found}\n")
+    return OK if found.reconstructable else FAILED
 
 
 def _simulate(args: argparse.Namespace) -> int:
@@ -203,7 +210,11 @@ def _add_disparity(commands: argparse._SubParsersAction[argparse.ArgumentParser]
     )
     sub.add_argument("left")
     sub.add_argument("right")
-    sub.add_argument("-o", "--output", required=True, metavar="FILE.pfm")
+    sub.add_argument(
+        "-o", "--output", required=True, metavar="FILE", help=".pfm (invalid = inf), .tiff (float32, invalid = NaN) "
+        "or .png (16 bits, 256 times the disparity, invalid = 0)",
+    )  # fmt: skip
+    sub.add_argument("--overwrite", action="store_true", help="replace the file if there is one")
     sub.add_argument("--max-disparity", type=int, metavar="N", help="inclusive, px; default: found from the images")
     sub.add_argument("--min-disparity", type=int, metavar="N", help="inclusive, px")
     sub.add_argument("--method", choices=METHODS, help="default: the first, or what the parameter file says")
@@ -226,8 +237,17 @@ def _add_bags(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
     sub.add_argument("--rate", type=float, default=2.0, metavar="HZ", help="pairs a second (default %(default)s)")
     sub.set_defaults(run=_pack)
 
-    sub = commands.add_parser("info", help="tell whether a bag can be reconstructed")
+    sub = commands.add_parser(
+        "info",
+        help="tell whether a bag can be reconstructed",
+        epilog="Exit code: 0 it can, 1 it cannot, 2 wrong usage.",
+    )
     sub.add_argument("bag")
+    sub.add_argument("--json", action="store_true", help="one JSON object instead of the text")
+    sub.add_argument(
+        "--pair-tolerance-ms", type=float, default=PAIR_TOLERANCE_MS, metavar="MS",
+        help="largest difference of stamps within a pair, as for survey (default %(default)s)",
+    )  # fmt: skip
     sub.set_defaults(run=_info)
 
 

@@ -24,10 +24,12 @@ class Code(str, Enum):
     DATA = "data"
     ESTIMATION = "estimation"
     IMAGE = "image"
+    IMAGE_IDENTICAL = "image.identical"
     MESSAGE = "message"
     TRAJECTORY = "trajectory"
     YAML = "yaml"
     # matching
+    MATCH_EXCHANGED = "match.exchanged"
     MATCH_NOTHING = "match.nothing"
     MATCH_NOTHING_SEEN = "match.nothing_seen"
     # rectification

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from uw_recon_ros.bounds import LARGEST_PIXELS
+from uw_recon_ros.pairing import PAIR_TOLERANCE_MS
 from uw_recon_ros.params import Params, param
 
 
@@ -13,7 +14,7 @@ class NodeParams(Params):
     """What every stage node knows."""
 
     pair_tolerance_ms: float = param(
-        1.0,
+        PAIR_TOLERANCE_MS,
         "Largest difference of stamps within one group of messages (left and right image).",
         unit="ms",
         low=0,

@@ -9,6 +9,9 @@ from typing import Generic, TypeVar
 
 T = TypeVar("T")
 
+#: Largest difference of stamps within a pair that every command and node allows unasked, ms.
+PAIR_TOLERANCE_MS = 1.0
+
 
 def align(stamps: Sequence[Sequence[int]], tolerance_ns: int = 0) -> tuple[list[tuple[int, ...]], tuple[int, ...]]:
     """Group the items of several streams by stamp.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 from bag_makers import IMAGE, MS, camera, cut, image_bytes, recording, write_mcap
 
 from uw_recon_ros.bags import BagWriter, RawMessage, bag_info
+from uw_recon_ros.cli import main
 from uw_recon_ros.types import CameraModel
 
 
@@ -110,7 +112,7 @@ def test_no_images_at_all(tmp_path: Path) -> None:
     assert "got no image topics" in bag_info(tmp_path / "bag").reasons[0]
 
 
-def test_stamps_that_never_meet(tmp_path: Path) -> None:
+def test_stamps_that_never_meet(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     recorded = [RawMessage("/left/image_raw", IMAGE, 100 * i * MS, image_bytes(i, 100 * i * MS)) for i in range(5)]
     recorded += [
         RawMessage("/right/image_raw", IMAGE, (100 * i + 7) * MS, image_bytes(i, (100 * i + 7) * MS)) for i in range(5)
@@ -120,6 +122,9 @@ def test_stamps_that_never_meet(tmp_path: Path) -> None:
     assert info.pairs == 0
     assert "the nearest differ by 7.0 ms" in info.reasons[0]
     assert bag_info(path, tolerance_ns=7 * MS).reconstructable
+    assert main(["info", str(path), "--json"]) == 1
+    assert json.loads(capsys.readouterr().out)["reconstructable"] is False
+    assert main(["info", str(path), "--pair-tolerance-ms", "7"]) == 0
 
 
 def test_gaps_backwards_and_partnerless(tmp_path: Path) -> None:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal
 
 import numpy as np
 
@@ -105,6 +106,15 @@ class BagInfo:
     def reconstructable(self) -> bool:
         """Whether nothing speaks against it."""
         return not self.reasons
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON: as the fields, stamps left out, NaN as None."""
+        found = asdict(self) | {"reconstructable": self.reconstructable}
+        for name in ("left", "right"):
+            if found[name] is not None:
+                found[name]["images"] = len(found[name].pop("stamps_ns"))
+        nan = {name: None for name, value in found.items() if isinstance(value, float) and not math.isfinite(value)}
+        return found | nan
 
     def __str__(self) -> str:
         """The findings as lines of text."""

@@ -15,10 +15,18 @@ from uw_recon_ros.bags.reader import BagReader, open_bag
 from uw_recon_ros.bags.stereo import CameraInfoCache, StereoTopics
 from uw_recon_ros.bags.verdict import judge, judge_calibration
 from uw_recon_ros.errors import BagError, ReconError
-from uw_recon_ros.pairing import align
+from uw_recon_ros.pairing import PAIR_TOLERANCE_MS, align
+
+_TOLERANCE_NS = round(PAIR_TOLERANCE_MS * 1e6)
 
 
-def bag_info(path: str | Path, left: str | None = None, right: str | None = None, *, tolerance_ns: int = 0) -> BagInfo:
+def bag_info(
+    path: str | Path,
+    left: str | None = None,
+    right: str | None = None,
+    *,
+    tolerance_ns: int = _TOLERANCE_NS,
+) -> BagInfo:
     """Read a whole bag and judge it.
 
     Parameters

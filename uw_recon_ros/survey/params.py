@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from uw_recon_ros.pairing import PAIR_TOLERANCE_MS
 from uw_recon_ros.params import Params, param
 
 #: What can be written, in the order of `SurveyParams.write`.
@@ -21,9 +22,12 @@ class SurveyParams(Params):
     left_topic: str = param("", "Image topic of the left eye; empty: found by type and name.")
     right_topic: str = param("", "Image topic of the right eye; empty: found by type and name.")
     pair_tolerance_ms: float = param(
-        1.0, "Largest difference of stamps within a pair, as the nodes' parameter of that name.", unit="ms", low=0.0,
+        PAIR_TOLERANCE_MS,
+        "Largest difference of stamps within a pair, as the nodes' parameter of that name.",
+        unit="ms",
+        low=0.0,
         high=1e3,
-    )  # fmt: skip
+    )
     stills_rate: float = param(2.0, "Pairs a second of stills, which carry no stamps.", unit="Hz", low=1e-6, high=1e6)
     write: str = param("disparity,depth,clouds,meshes,views,bag", "What is written of each pair, separated by commas.")
     disparity_format: str = param("pfm", "PFM (invalid = inf) or float32 TIFF (NaN), in px.", choices=("pfm", "tiff"))
