@@ -7,10 +7,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from collect import Collector
+from collect import PER_FRAME, Collector
 from frames import Frame
+from rclpy.serialization import serialize_message
 
+from uw_recon_ros.bags.model import RawMessage
+from uw_recon_ros.bags.writer import BagWriter
 from uw_recon_ros.progress import say
+from uw_recon_ros.reconstruct.export import write_glb, write_ply
 from uw_recon_ros.reconstruct.stage import Reconstruct, ReconstructParams
 from uw_recon_ros.report.numbers import measured, percent
 from uw_recon_ros.report.page import Section
@@ -45,7 +49,7 @@ def node_rows(diagnostics: Diagnostics) -> list[tuple[str, ...]]:
     return rows
 
 
-def _middle(frames: Sequence[Frame]) -> Frame:
+def typical(frames: Sequence[Frame]) -> Frame:
     """A typical frame: of median error."""
     return sorted(frames, key=lambda f: f.errors.median_relative)[len(frames) // 2]
 
@@ -68,7 +72,7 @@ def write_demo_page(
     collector: Collector,
 ) -> Path:
     """Show a typical frame and the numbers of all."""
-    frame = _middle(frames)
+    frame = typical(frames)
     rectified = _as_reported(frame.rectified, collector.diagnostics.get("rectify_node", {}))
     surface = Reconstruct(ReconstructParams()).surface(frame.depth, frame.rectified.left)
     enhanced = EnhancedPair(*frame.enhanced, frame.rectified.left_matching, frame.rectified.right_matching)
@@ -87,10 +91,27 @@ def write_demo_page(
     return path
 
 
+def write_files(output: Path, frame: Frame) -> None:
+    """Leave the typical frame's points and textured surface as ``cloud.ply`` and ``mesh.glb``."""
+    stage = Reconstruct(ReconstructParams())
+    write_ply(output / "cloud.ply", stage.cloud(frame.depth, frame.rectified.left))
+    write_glb(output / "mesh.glb", stage.surface(frame.depth, frame.rectified.left))
+
+
+def write_topics(path: Path, stamps: Sequence[int], collector: Collector) -> None:
+    """Write the messages of these frames, as the nodes sent them, to a bag."""
+    with BagWriter(path, overwrite=True) as bag:
+        for stamp in stamps:
+            for topic, kind in PER_FRAME.items():
+                data = bytes(serialize_message(collector.frames[stamp][topic]))
+                package, name = kind.__module__.split(".")[0], kind.__name__
+                bag.raw(RawMessage(f"/{topic}", f"{package}/msg/{name}", stamp, data))
+
+
 def _aligned(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     widths = [max(len(row[i]) for row in [header, *rows]) for i in range(len(header))]
     lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in [header, *rows]]
-    return "\n".join([lines[0], "  ".join("-" * width for width in widths), *lines[1:]])
+    return "\n".join(line.rstrip() for line in [lines[0], "  ".join("-" * width for width in widths), *lines[1:]])
 
 
 def print_table(frames: Sequence[Frame], expected: int, collector: Collector) -> None:

@@ -1,7 +1,8 @@
 """Replay the sample bag through the four nodes, each a process, and show what they publish.
 
 Leaves ``index.html`` in the output folder: raw, enhanced and rectified images, disparity, depth against the truth, a
-3-D view, and a table of times, densities and errors, which is printed too.
+3-D view, and a table of times, densities and errors, which is printed too. Beside it ``cloud.ply`` and ``mesh.glb`` of
+one frame, and ``topics``, a bag of what the nodes published.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import rclpy
 from collect import Collector
 from frames import Frame, Truth, read_frame
 from graph import NODES, Graph
-from page import print_table, write_demo_page
+from page import print_table, typical, write_demo_page, write_files, write_topics
 from rclpy.context import Context
 from rclpy.signals import SignalHandlerOptions
 
@@ -77,6 +78,16 @@ def wait(graph: Graph, until: Callable[[], bool], collector: Collector) -> None:
             raise SystemExit(f"demo: nothing came for {_WAIT_S:.0f} s; the nodes' logs are in {graph.logs}")
 
 
+def files_to_open(output: Path, page: Path) -> str:
+    """Say what was left, where, and what opens it."""
+    return (
+        f"  {page}   every stage, numbers and a 3-D view: any browser\n"
+        f"  {output / 'cloud.ply'}    one frame's points: CloudCompare, MeshLab\n"
+        f"  {output / 'mesh.glb'}     its textured surface: Blender, any glTF viewer\n"
+        f"  {output / 'topics'}/      a bag of all the nodes' topics: Foxglove, ros2 bag play"
+    )
+
+
 def main() -> int:
     """Run the demo; return the exit code."""
     args = arguments()
@@ -107,10 +118,12 @@ def main() -> int:
     frames: list[Frame] = [read_frame(s, collector.frames[s], truth) for s in collector.complete()]
     if not frames:
         raise SystemExit(f"demo: expected {expected} frames, got none whole; the nodes' logs are in {args.output}/log")
-    say("[4/4] writing the page")
+    say("[4/4] writing the page, the cloud, the mesh and the bag")
     page = write_demo_page(args.output / "index.html", frames, raw, collector)
+    write_files(args.output, typical(frames))
+    write_topics(args.output / "topics", [frame.stamp_ns for frame in frames], collector)
     print_table(frames, expected, collector)
-    say(f"\nLook at {page}  ({time.monotonic() - started:.0f} s)")
+    say(f"done in {time.monotonic() - started:.0f} s; open\n" + files_to_open(args.output, page))
     return 0 if len(frames) == expected else 1
 
 

@@ -147,10 +147,16 @@ def test_missing_files_fail_with_one_line(arguments: list[str], capsys: pytest.C
 
 
 def test_wrong_arguments_exit_with_2() -> None:
-    for arguments in ([], ["pair"], ["nonsense"], ["disparity", "a", "b", "-o", "c", "--method", "x"]):
+    for arguments in (["pair"], ["nonsense"], ["disparity", "a", "b", "-o", "c", "--method", "x"]):
         with pytest.raises(SystemExit) as ended:
             main(arguments)
         assert ended.value.code == 2
+
+
+def test_without_arguments_says_what_can_be_done(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 2
+    said = capsys.readouterr().err
+    assert all(name in said for name in ("pair", "survey", "info", "doctor"))
 
 
 def test_simulate_pack_and_info(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

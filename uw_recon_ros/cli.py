@@ -318,6 +318,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     int
         0 done, 1 failed (one line on standard error says what and why), 2 wrong usage.
     """
+    if not (sys.argv[1:] if argv is None else argv):
+        parser().print_help(sys.stderr)
+        return USAGE
     args = parser().parse_args(argv)
     try:
         code: int = args.run(args)

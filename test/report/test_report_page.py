@@ -18,9 +18,10 @@ import pytest
 from report_results import HEIGHT, WIDTH, depth_map, pair_results, picture, surface
 
 from uw_recon_ros.report.embed import mesh_json, picture_uri, script_safe
-from uw_recon_ros.report.numbers import depth_errors, error_rows, measured, percent, time_rows
+from uw_recon_ros.report.numbers import depth_errors, error_rows, matching_rows, measured, percent, time_rows
 from uw_recon_ros.report.page import Figure, Section, Summary, render_page, write_page
 from uw_recon_ros.report.pair import write_pair_page
+from uw_recon_ros.types import DepthMap, DisparityMap
 
 EVIL = "</script><script>alert('x')</script><img src=x onerror=\"alert(1)\">&'"
 VOID = {"meta", "img", "input", "br", "link"}
@@ -243,3 +244,21 @@ def test_the_surface_is_seen_in_the_view(tmp_path):
     shot = cv2.imread(str(tmp_path / "shot.png"))[..., ::-1].astype(int)
     seen = (shot[..., 0] > 200) & (shot[..., 1] < 60) & (shot[..., 2] < 70)
     assert seen.mean() > 0.05
+
+
+def test_what_a_message_does_not_say_has_no_row():
+    results = pair_results()
+    disparity = next(r for r in results if isinstance(r, DisparityMap))
+    depth = next(r for r in results if isinstance(r, DepthMap))
+    unknown = dict(matching_rows(replace(disparity, method="", energy=float("nan")), depth))
+    known = dict(matching_rows(replace(disparity, method="kz2", energy=5.0), depth))
+    assert known.keys() - unknown.keys() == {"Method", "Energy"}
+    assert (known["Method"], known["Energy"]) == ("kz2", "5")
+
+
+def test_narrow_screens_have_rules_of_their_own(html):
+    """Tool bars wrap rather than being cut off; the page is as wide as the screen."""
+    assert 'name="viewport" content="width=device-width' in html
+    narrow = html[html.index("@media (max-width: 640px)") :]
+    assert re.match(r"[^@]*\.tools \.group \{[^}]*flex-wrap: wrap", narrow[1:])
+    assert not [w for w in re.findall(r"[;{] ?(?:min-)?width: (\d+)px", html) if int(w) > 390]

@@ -102,7 +102,7 @@ def disparity_from_message(
         min_disparity=math.floor(_limit(low) - offset),
         max_disparity=math.ceil(_limit(high) - offset),
         geometry=geometry,
-        method="received",
+        method="",  # a message does not say
         stamp_ns=stamp_ns(message),
         frame_id=message.header.frame_id,
     )

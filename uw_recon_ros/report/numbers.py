@@ -103,14 +103,15 @@ def rectification_rows(quality: RectificationQuality) -> Rows:
 
 
 def matching_rows(disparity: DisparityMap, depth: DepthMap) -> Rows:
-    """A table of the matcher's result."""
-    return [
-        ("Method", disparity.method or "unknown"),
+    """A table of the matcher's result; what is not known (a disparity that came as a message) has no row."""
+    rows = [
+        ("Method", disparity.method),
         ("Disparities searched", f"{disparity.min_disparity} to {disparity.max_disparity} px"),
         ("Pixels with a disparity", percent(disparity.density)),
         ("Pixels with a depth", percent(float(np.isfinite(depth.depth).mean()))),
-        ("Energy", "none" if np.isnan(disparity.energy) else f"{disparity.energy:.6g}"),
+        ("Energy", "" if np.isnan(disparity.energy) else f"{disparity.energy:.6g}"),
     ]
+    return [row for row in rows if row[1]]
 
 
 def time_rows(seconds: Mapping[str, float]) -> Rows:
