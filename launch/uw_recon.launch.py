@@ -90,7 +90,8 @@ def check(given: dict[str, str]) -> None:
     """Refuse, in one line, a file or bag that is not there: launch itself would start nodes on other values."""
     if path := given["params_file"]:
         try:
-            read_parameter_file(path, (*STAGES, COMPOSED))
+            if not read_parameter_file(path, (*STAGES, COMPOSED)):
+                raise ValueError("no parameter in it is for a node of this graph")
         except (OSError, ValueError) as error:
             reason = " ".join(str(getattr(error, "strerror", None) or error).split())
             raise RuntimeError(f"params_file: expected a ROS parameter file, got {path}: {reason}") from error

@@ -54,12 +54,20 @@ def test_a_refused_parameter_is_one_line_and_exit_code_2(graph: Any, name: str) 
     assert lines(refused) == ["error: pair_tolerance_ms: expected a float in [0, 1000] ms, got -1.0"]
 
 
-def test_a_parameter_file_that_is_none(graph: Any, tmp_path: Path) -> None:
-    (tmp_path / "params.yaml").write_text("preprocess_node: [\n")
-    refused = graph.start("preprocess_node", "--ros-args", "--params-file", tmp_path / "params.yaml")
+@pytest.mark.parametrize(
+    "text", ["preprocess_node: [\n", "# A page\n\n- of text: [", None], ids=["cut", "page", "missing"]
+)
+@pytest.mark.parametrize("name", ["preprocess_node", "bag_player_node"])
+def test_a_parameter_file_that_is_none_is_one_line(graph: Any, tmp_path: Path, name: str, text: str | None) -> None:
+    """And no node on defaults that nobody asked for."""
+    if text is not None:
+        (tmp_path / "params.yaml").write_text(text)
+    refused = graph.start(name, "--ros-args", "--params-file", tmp_path / "params.yaml")
     assert refused.wait() == 2
-    assert "Traceback" not in refused.output
-    assert sum(line.startswith("error:") for line in lines(refused)) == 1
+    (line,) = lines(refused)
+    assert line.startswith("error: ")
+    assert str(tmp_path / "params.yaml") in line
+    assert ".c:" not in line  # no source lines of a library
 
 
 def test_a_file_for_all_nodes_and_a_misspelt_name(graph: Any, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -64,6 +65,18 @@ def make_old(segments: set[str]) -> None:
         lock = Path("/dev/shm", f"{name}_el")
         if lock.exists():
             os.utime(lock, (lock.stat().st_atime - 60, lock.stat().st_mtime - 60))
+
+
+@pytest.mark.parametrize("name", ["rectify_node", "point_cloud_node"])
+def test_a_node_stopped_until_it_is_forgotten_goes_on(graph: Graph, started: dict, name: str) -> None:
+    """Longer than its lease: to the others it has gone and come."""
+    trial = SeaTrial(graph)
+    trial.connected()
+    trial.sails()
+    started[name].signal(signal.SIGSTOP)
+    trial.sail_until(lambda: name not in graph.bench.outsider.get_node_names(), f"{name} to be forgotten")
+    started[name].signal(signal.SIGCONT)
+    trial.sails()
 
 
 @pytest.mark.parametrize("order", [("rectify_node", "disparity_node"), ("disparity_node", "rectify_node")])

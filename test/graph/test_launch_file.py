@@ -142,7 +142,13 @@ def test_what_cannot_be_played_or_taken_ends_everything_in_one_line(launch: Any,
     assert stage.on_exit(ProcessExited(2), stopped) is player.on_exit(ProcessExited(-2), stopped) is None
 
 
-BROKEN = {"no YAML": "a: [", "a list": "[1, 2]", "no section": "cloud_voxel: 0.5", "bytes": "\xff\x00"}
+BROKEN = {
+    "no YAML": "a: [",
+    "a list": "[1, 2]",
+    "no section": "cloud_voxel: 0.5",
+    "nothing of ours": "/**/another_node:\n  ros__parameters: {effort: quality}",
+    "bytes": "\xff\x00",
+}
 
 
 @pytest.mark.parametrize("text", BROKEN.values(), ids=BROKEN)

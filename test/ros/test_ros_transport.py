@@ -31,6 +31,18 @@ def test_profile_has_shared_memory_and_udp_and_nothing_else() -> None:
     assert [e.text for e in root.iter(f"{NAME}useBuiltinTransports")] == ["false"]
 
 
+@pytest.mark.parametrize("segment", [0, 8 * MIB])
+def test_who_was_killed_is_forgotten_soon_with_or_without_a_segment(segment: int) -> None:
+    root = ElementTree.fromstring(transport.profile_xml(segment))
+    lease, announcement = (
+        float(next(root.iter(f"{NAME}{tag}")).findtext(f"{NAME}sec", "nan"))
+        for tag in ("leaseDuration", "leaseAnnouncement")
+    )
+    assert 2 <= lease <= 5
+    assert announcement <= lease / 3  # two may be lost
+    assert bool(list(root.iter(f"{NAME}userTransports"))) == bool(segment)
+
+
 def test_the_variable_names_a_file_that_goes_with_us() -> None:
     environment: dict[str, str] = {}
     assert transport.prepare(environment) is None
@@ -61,7 +73,7 @@ def test_too_little_shared_memory_is_said_and_survived(monkeypatch: pytest.Monke
     warning = transport.prepare(environment)
     assert warning is not None
     assert "/dev/shm" in warning
-    assert environment == {}
+    assert "leaseDuration" in Path(environment[transport.PROFILE_VARIABLE]).read_text(encoding="ascii")
 
 
 def test_no_shared_memory_at_all_is_said_and_survived(monkeypatch: pytest.MonkeyPatch) -> None:

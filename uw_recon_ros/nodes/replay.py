@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import statistics
 import sys
 import time
@@ -22,6 +23,7 @@ from uw_recon_ros.errors import BagError
 from uw_recon_ros.ros.message_types import message_class
 
 _POLL_S = 0.05
+_LARGEST = 1e6
 _MOST_LATCHED = 1000
 _MOST_TOPICS = 1000
 _RECENT = 10_000
@@ -60,16 +62,19 @@ def parse(args: Sequence[str] | None, about: str | None) -> argparse.Namespace:
 
 
 def _positive(text: str) -> float:
-    value = float(text)
-    if not 0 < value < 1e6:
-        raise ValueError(text)
+    value = _not_negative(text)
+    if not value:
+        raise argparse.ArgumentTypeError(f"expected a number above 0, got {text}")
     return value
 
 
 def _not_negative(text: str) -> float:
-    value = float(text)
-    if not 0 <= value < 1e6:
-        raise ValueError(text)
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 <= value < _LARGEST:
+        raise argparse.ArgumentTypeError(f"expected a number from 0 to {_LARGEST:g}, got {text!r}")
     return value
 
 

@@ -10,14 +10,18 @@ exception not rethrown").
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.logging import LoggingSeverity
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
@@ -39,12 +43,34 @@ def start(args: Sequence[str] | None) -> None:
         The ROS arguments, or the parameter file they name, are refused.
     """
     warning = transport.prepare()
+    given = list(sys.argv if args is None else args)
+    _check_files(given)
+    rclpy.logging.set_logger_level("rcl", LoggingSeverity.FATAL)  # its own words for what is said below
     try:
-        rclpy.init(args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
     except (RuntimeError, ValueError) as error:  # RCLError, UnknownROSArgsError are RuntimeErrors
-        raise ParameterError(" ".join(str(error).split())) from error
+        raise ParameterError(_in_our_words(error)) from error
+    finally:
+        rclpy.logging.set_logger_level("rcl", LoggingSeverity.UNSET)
     if warning:
         rclpy.logging.get_logger("uw_recon_ros").warning(warning)
+
+
+def _check_files(args: Sequence[str]) -> None:
+    """Raise `ParameterError` for a parameter file that cannot be read."""
+    for option, path in pairwise(args):
+        if option == "--params-file":
+            try:
+                Path(path).read_bytes()
+            except OSError as error:
+                reason = f"expected a ROS parameter file, got {path}: {error.strerror}"
+                raise ParameterError(f"--params-file: {reason}") from error
+
+
+def _in_our_words(error: Exception) -> str:
+    """What rcl finds wrong with the arguments, without its own source lines."""
+    text = re.sub(r",? at [^\s,]+:\d+", "", " ".join(str(error).split()))
+    return f"expected ROS arguments (-p NAME:=VALUE, -r FROM:=TO, --params-file FILE), got others: {text}"
 
 
 @contextmanager

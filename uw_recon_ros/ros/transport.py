@@ -1,8 +1,9 @@
-"""Shared memory large enough for images, for Fast DDS.
+"""What Fast DDS is told: shared memory large enough for images, and to forget soon who was killed.
 
 Its default segment is 512 KiB; whatever is larger goes out in 64 KB pieces, which is slow where reliable and lost where
-best effort. The remedy is a profile with a larger segment in the publishing process. It is named by an environment
-variable, so it must be there before ``rclpy.init``; a profile the user has chosen is never replaced.
+best effort. The remedy is a profile with a larger segment in the publishing process. And who dies without a farewell is
+remembered for the 20 s of its default lease: as long its topics have a publisher that is none. The profile is named by
+an environment variable, so it must be there before ``rclpy.init``; a profile the user has chosen is never replaced.
 """
 
 from __future__ import annotations
@@ -31,9 +32,10 @@ _SHARERS = 8
 
 _written: list[Path] = []
 
-_PROFILE = """<?xml version="1.0" encoding="UTF-8"?>
-<dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
-  <profiles>
+#: A participant announces itself that often, s; who has not been heard of for the lease is gone, its ends with it.
+ANNOUNCEMENT_S, LEASE_S = 1, 4
+
+_TRANSPORTS = """
     <transport_descriptors>
       <transport_descriptor>
         <transport_id>uw_recon_shm</transport_id>
@@ -45,14 +47,24 @@ _PROFILE = """<?xml version="1.0" encoding="UTF-8"?>
         <transport_id>uw_recon_udp</transport_id>
         <type>UDPv4</type>
       </transport_descriptor>
-    </transport_descriptors>
-    <participant profile_name="uw_recon" is_default_profile="true">
-      <rtps>
+    </transport_descriptors>"""
+_USED = """
         <userTransports>
           <transport_id>uw_recon_shm</transport_id>
           <transport_id>uw_recon_udp</transport_id>
         </userTransports>
-        <useBuiltinTransports>false</useBuiltinTransports>
+        <useBuiltinTransports>false</useBuiltinTransports>"""
+_PROFILE = """<?xml version="1.0" encoding="UTF-8"?>
+<dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
+  <profiles>{transports}
+    <participant profile_name="uw_recon" is_default_profile="true">
+      <rtps>
+        <builtin>
+          <discovery_config>
+            <leaseDuration><sec>{lease}</sec></leaseDuration>
+            <leaseAnnouncement><sec>{announcement}</sec></leaseAnnouncement>
+          </discovery_config>
+        </builtin>{used}
       </rtps>
     </participant>
   </profiles>
@@ -61,8 +73,9 @@ _PROFILE = """<?xml version="1.0" encoding="UTF-8"?>
 
 
 def profile_xml(segment: int) -> str:
-    """Write the Fast DDS profile: a segment of `segment` bytes of shared memory, and UDP."""
-    return _PROFILE.format(segment=segment)
+    """Write the Fast DDS profile: the lease, and a segment of `segment` bytes beside UDP (0: the transports it has)."""
+    transports, used = (_TRANSPORTS.format(segment=segment), _USED) if segment else ("", "")
+    return _PROFILE.format(transports=transports, used=used, lease=LEASE_S, announcement=ANNOUNCEMENT_S)
 
 
 def fitting_segment(free: int, wanted: int = DEFAULT_SEGMENT) -> int:
@@ -80,7 +93,7 @@ def fitting_segment(free: int, wanted: int = DEFAULT_SEGMENT) -> int:
 
 
 def prepare(environment: MutableMapping[str, str] | None = None, wanted: int = DEFAULT_SEGMENT) -> str | None:
-    """Name a profile with a large segment in the environment, unless the user has chosen otherwise.
+    """Name a profile with a large segment and a short lease in the environment, unless the user has chosen otherwise.
 
     Call before ``rclpy.init``. Room that killed processes left taken is freed first.
 
@@ -102,19 +115,26 @@ def prepare(environment: MutableMapping[str, str] | None = None, wanted: int = D
     remove_orphans(_SHARED_MEMORY)
     if any(environment.get(variable) for variable in CHOICES):
         return None
+    segment, warning = _segment(wanted)
+    try:
+        environment.setdefault(PROFILE_VARIABLE, _write_profile(segment))
+    except OSError as error:
+        return f"Fast DDS: no profile could be written ({error}): expect slow or lost images"
+    return warning
+
+
+def _segment(wanted: int) -> tuple[int, str | None]:
+    """Size of the segment, bytes (0: too little is free), and what is to be said of it."""
     try:
         free = shutil.disk_usage(_SHARED_MEMORY).free
-        segment = fitting_segment(free, wanted)
-        path = _write_profile(segment) if segment else None
     except OSError as error:
-        return f"shared memory: no larger segment for images ({error}): expect slow or lost images"
-    if path is None:
-        return (
-            f"shared memory: expected at least {_SHARERS * _SMALLEST_SEGMENT // _MIB} MiB free in {_SHARED_MEMORY}, "
-            f"got {free // _MIB} MiB: images go in 64 KB pieces, slow or lost (Docker: --shm-size or --ipc=host)"
-        )
-    environment.setdefault(PROFILE_VARIABLE, path)
-    return None
+        return 0, f"shared memory: no larger segment for images ({error}): expect slow or lost images"
+    if segment := fitting_segment(free, wanted):
+        return segment, None
+    return 0, (
+        f"shared memory: expected at least {_SHARERS * _SMALLEST_SEGMENT // _MIB} MiB free in {_SHARED_MEMORY}, "
+        f"got {free // _MIB} MiB: images go in 64 KB pieces, slow or lost (Docker: --shm-size or --ipc=host)"
+    )
 
 
 def _write_profile(segment: int) -> str:
