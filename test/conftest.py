@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 
 import pytest
 from hypothesis import settings
@@ -12,14 +14,30 @@ settings.register_profile("ci", derandomize=True, deadline=None)
 settings.register_profile("default", deadline=None, print_blob=True)
 settings.load_profile("ci" if os.environ.get("CI") else "default")
 
+COMPILE = """
+import tempfile
+from pathlib import Path
+from uw_recon_ros import jit, simulate, warm
+from uw_recon_ros.progress import say
 
-@pytest.fixture(scope="session")
-def kernels_compiled() -> None:
-    """Have the kernels compiled: no node under test should wait for that, and no test for the node."""
-    from uw_recon_ros.match.methods import EFFORTS
-    from uw_recon_ros.match.stage import Match, MatchParams
-    from uw_recon_ros.warm import warm_up
+warm.tell_if_cold(say)
+warm.warm_up()
+if jit.is_cold(Path(simulate.__path__[0])):
+    from uw_recon_ros.simulate.params import SimulateParams
+    from uw_recon_ros.simulate.write import simulate
 
-    warm_up()
-    for effort in EFFORTS:
-        Match(MatchParams(effort=effort)).warm_up()
+    with tempfile.TemporaryDirectory() as folder:
+        simulate(Path(folder, "bag"), SimulateParams(width=64, height=48, frames=1))
+"""
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Have the kernels compiled before any test and any of its limits, once for all of pytest-xdist's processes.
+
+    In a process of its own: a compilation that is interrupted spoils numba for the rest of the process.
+    """
+    if hasattr(session.config, "workerinput") or session.config.option.collectonly:
+        return
+    if subprocess.run([sys.executable, "-c", COMPILE], check=False).returncode:
+        pytest.exit("the kernels could not be compiled, see above", returncode=1)

@@ -7,13 +7,15 @@ from pathlib import Path
 
 from uw_recon_ros import match
 from uw_recon_ros.jit import CACHE_DIRECTORY, CacheUse, cache_use, is_cold
-from uw_recon_ros.match.methods import METHODS
+from uw_recon_ros.match.methods import EFFORTS, METHODS
 from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.reconstruct.stage import Reconstruct
 
 
 def warm_up() -> CacheUse:
     """Have every kernel of the stages compiled and kept; return what had to be."""
+    for effort in EFFORTS:
+        Match(MatchParams(effort=effort)).warm_up()
     for method in METHODS:
         Match(MatchParams(method=method)).warm_up()
     Reconstruct().warm_up()

@@ -9,11 +9,6 @@ import pytest
 from graph_bench import Bench, Graph
 
 
-@pytest.fixture(scope="session", autouse=True)
-def warm(kernels_compiled: None) -> None:
-    """Every test in here finds the kernels compiled."""
-
-
 @pytest.fixture
 def graph(tmp_path: Path) -> Iterator[Graph]:
     bench = Bench()

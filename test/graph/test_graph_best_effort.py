@@ -13,7 +13,7 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from uw_recon_ros.ros import messages
 
-pytestmark = [pytest.mark.graph, pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.graph, pytest.mark.timeout(3600)]
 SCALE = 4  # 640 x 480
 KINDS = {"points2": PointCloud2, "points2_filtered": PointCloud2, "depth/image_rect": Image,
          "depth/camera_info": CameraInfo}  # fmt: skip

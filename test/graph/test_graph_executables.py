@@ -14,7 +14,7 @@ from sensor_msgs.msg import CompressedImage, Image
 
 from uw_recon_ros.bags.writer import BagWriter
 
-pytestmark = [pytest.mark.graph, pytest.mark.timeout(180)]
+pytestmark = [pytest.mark.graph, pytest.mark.timeout(3600)]
 STAGE_NODES = ["preprocess_node", "rectify_node", "disparity_node", "point_cloud_node", "pipeline_node"]
 SECOND = 1_000_000_000
 

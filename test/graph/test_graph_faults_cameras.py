@@ -15,7 +15,7 @@ from rcl_interfaces.srv import SetParameters
 from ros_bench import BANDS, BASELINE
 from sea_trial import OK, SECOND, STEP, SeaTrial, arguments
 
-pytestmark = [pytest.mark.graph, pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.graph, pytest.mark.timeout(3600)]
 LEFT, RIGHT = ("left/image_raw", "left/camera_info"), ("right/image_raw", "right/camera_info")
 
 

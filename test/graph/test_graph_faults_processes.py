@@ -16,7 +16,7 @@ from rcl_interfaces.srv import ListParameters
 from ros_bench import BANDS, FOCAL, infos, own_domain
 from sea_trial import SECOND, STEP, SeaTrial, arguments
 
-pytestmark = [pytest.mark.graph, pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.graph, pytest.mark.timeout(3600)]
 PIPELINE = ("pipeline_node",)
 
 

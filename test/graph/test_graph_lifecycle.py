@@ -15,7 +15,7 @@ from stereo_msgs.msg import DisparityImage
 
 from uw_recon_ros.ros.diagnostics import SUPERSEDED
 
-pytestmark = [pytest.mark.graph, pytest.mark.timeout(180)]
+pytestmark = [pytest.mark.graph, pytest.mark.timeout(3600)]
 BAG = Path(__file__).parents[2] / "bags" / "amphora"
 
 

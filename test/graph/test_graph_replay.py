@@ -26,7 +26,7 @@ from uw_recon_ros.ros import messages
 from uw_recon_ros.ros.geometry import infos_from_geometry
 from uw_recon_ros.types import StereoGeometry
 
-pytestmark = [pytest.mark.graph, pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.graph, pytest.mark.timeout(3600)]
 CANYON = Path(__file__).parents[3] / "shared" / "data" / "underwater" / "flsea_canyon"
 SECOND = 1_000_000_000
 FRAMES = 3

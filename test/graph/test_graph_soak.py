@@ -8,7 +8,7 @@ from ros_bench import HEIGHT, WIDTH
 from sea_trial import SeaTrial, arguments
 from soak import growth_kb, soak
 
-pytestmark = [pytest.mark.graph, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.graph, pytest.mark.timeout(3600)]
 MONO_IMAGE_KB = WIDTH * HEIGHT / 1e3  # the smallest of what would be held on to by mistake
 
 

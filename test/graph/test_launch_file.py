@@ -241,7 +241,7 @@ def bag(tmp_path: Path) -> Path:
 
 
 @pytest.mark.graph
-@pytest.mark.timeout(240)
+@pytest.mark.timeout(3600)
 @pytest.mark.parametrize("composed", ["false", "true"], ids=["four nodes", "one process"])
 def test_what_is_launched_brings_clouds(graph: Any, launch: Any, bag: Path, tmp_path: Path, composed: str) -> None:
     nodes = launch(

@@ -31,7 +31,7 @@ print(json.dumps({
 
 @pytest.mark.slow
 def test_twelve_megapixels_in_bounded_memory() -> None:
-    done = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True, timeout=600)
+    done = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert found["shape"] == [3001, 4003]

@@ -40,7 +40,7 @@ def start(effort: str, **environment: str) -> subprocess.Popen[str]:
 
 
 def finish(process: subprocess.Popen[str]) -> tuple[str, int, int, int, str]:
-    out, _ = process.communicate(timeout=500)
+    out, _ = process.communicate()
     assert process.returncode == 0
     return tuple(json.loads(out))
 

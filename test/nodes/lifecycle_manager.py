@@ -10,6 +10,7 @@ from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from ros_bench import meet
 
 CONFIGURE, CLEANUP = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_CLEANUP
 ACTIVATE, DEACTIVATE = Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_DEACTIVATE
@@ -33,6 +34,7 @@ class Manager:
                 (GetAvailableTransitions, "get_available_transitions"),
             )
         }  # fmt: skip
+        meet(outsider, f"/{name}", spin_until)
 
     def call(self, request: Any, kind: Any) -> Any:
         client = self._clients[kind]

@@ -41,7 +41,7 @@ from uw_recon_ros.ros.probe import Probe
 
 PERIOD_S = 0.1
 FAST = {"min_disparity": 0, "max_disparity": 24, "effort": "navigation"}
-pytestmark = pytest.mark.timeout(300)
+pytestmark = pytest.mark.timeout(3600)
 
 
 @dataclass

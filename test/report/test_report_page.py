@@ -224,7 +224,7 @@ def run_in_browser(page: Path, folder: Path, *flags: str) -> str:
         f"--user-data-dir={folder / 'profile'}", "--virtual-time-budget=5000", "--window-size=1000,900",
         "--hide-scrollbars", *flags, f"file://{page}",
     ]  # fmt: skip
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False).stdout
+    return subprocess.run(command, capture_output=True, text=True, check=False).stdout
 
 
 def test_the_view_runs_in_a_browser(tmp_path, html):

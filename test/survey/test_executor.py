@@ -102,7 +102,7 @@ def _lives(pid: int) -> bool:
         return False
 
 
-def _until(condition: object, limit_s: float = 60.0) -> None:
+def _until(condition: object, limit_s: float = 600.0) -> None:
     end = time.monotonic() + limit_s
     while not condition():  # type: ignore[operator]
         assert time.monotonic() < end, "waited in vain"
