@@ -21,7 +21,7 @@ ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "uw_recon_ros"
 NOUNS = {"", "types", "params", "errors", "images", "image_header", "calibration", "pairing", "jit", "progress"}
 NOUNS |= {"bounds", "file_kinds", "strict_yaml", "system_errors"}
-NOUNS |= {"evaluate", "signals", "findings", "topics", "trajectory", "unseen"}
+NOUNS |= {"evaluate", "signals", "findings", "topics", "trajectory", "rigid", "evaluate_trajectory", "unseen"}
 STAGE_ROOMS = {"preprocess", "rectify", "match", "reconstruct"}
 NODE_PARAMS = {"node_params", "catalogue"}
 OFFLINE = NOUNS | STAGE_ROOMS | NODE_PARAMS | {"pipeline"}
@@ -35,6 +35,9 @@ MAY_IMPORT = {
     "messages": NOUNS | {"messages"},
     "bags": NOUNS | {"bags", "messages"},
     "simulate": NOUNS | {"simulate", "bags", "messages"},
+    "track": NOUNS | {"track"},
+    "align": NOUNS | {"track", "align"},
+    "locate": NOUNS | {"track", "align", "locate"},
     "report": NOUNS | {"report"},
     "pair": OFFLINE | {"report", "warm"},
     "doctor": NOUNS | {"rectify", "node_params", "doctor"},

@@ -49,6 +49,15 @@ class Code(str, Enum):
     REGION_NOISE = "region.noise"
     REGION_TORN = "region.torn"
 
+    # the way of a dive
+    TRACK_AMBIGUOUS = "track.ambiguous"
+    TRACK_BRIDGED = "track.bridged"
+    TRACK_GRAVITY_UNKNOWN = "track.gravity_unknown"
+    TRACK_LOOPS_DROPPED = "track.loops_dropped"
+    TRACK_PREDICTED = "track.predicted"
+    TRACK_RIG_OFF = "track.rig_off"
+    TRACK_SEGMENTS = "track.segments"
+
     def __str__(self) -> str:
         """The name as it stands in files and on topics."""
         return self.value

@@ -1,0 +1,276 @@
+"""The whole way: frame to frame, loops, pose graph, the rig's own error, level ground. Reads top-down as that."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_recon_ros import rigid
+from uw_recon_ros.align.graph import Anchors, Edges, Solved, no_anchors, solve_graph
+from uw_recon_ros.align.loops import believable, candidates, footprints, summed_covariances, surprise
+from uw_recon_ros.align.self_calibration import RigFinding, calibrate, corrected
+from uw_recon_ros.errors import EstimationError
+from uw_recon_ros.findings import Code, Finding, Severity
+from uw_recon_ros.locate.level import levelled
+from uw_recon_ros.locate.params import LocateParams
+from uw_recon_ros.locate.priors import Priors, anchors_at, fit_to, relative_guesses
+from uw_recon_ros.locate.walk import Frame, Link, Walk, first_poses, is_ambiguous, stretches, walk_frames
+from uw_recon_ros.track.keypoints import RigError
+from uw_recon_ros.track.params import TrackParams
+from uw_recon_ros.track.relate import relate
+from uw_recon_ros.trajectory import PoseStatus, Trajectory
+from uw_recon_ros.types import Matrix, StereoGeometry
+
+_LOOP_CHI2 = 40.0  # of 6; a loop farther from the graph than this is dropped
+_SHORT = 3  # frames of a part that may be put between their neighbours
+_BEYOND_DRIFT = 0.75  # share of the footprint within which loops are sought
+
+
+@dataclass(frozen=True, eq=False)
+class Located:
+    """What `estimate_trajectory` finds.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    findings : tuple of Finding
+    statistics : dict
+        Counts and figures, for files.
+    links : tuple of Link
+        The relations that the trajectory is made from.
+    rig : RigFinding or None
+        The told rig's error.
+    applied : RigError
+        The part of it that was corrected: the same correction belongs to every depth that is fused.
+    """
+
+    trajectory: Trajectory
+    findings: tuple[Finding, ...]
+    statistics: dict[str, Any] = field(default_factory=dict)
+    links: tuple[Link, ...] = ()
+    rig: RigFinding | None = None
+    applied: RigError = RigError()  # noqa: RUF009
+
+
+def estimate_trajectory(
+    frames: Iterable[Frame],
+    priors: Priors | None = None,
+    params: LocateParams | None = None,
+    track: TrackParams | None = None,
+) -> Located:
+    """Find where the left camera was at each frame.
+
+    Parameters
+    ----------
+    frames : iterable of Frame
+        In the order of time; each is looked at once.
+    priors : Priors, optional
+        Poses from outside, with how sure they are.
+    params : LocateParams, optional
+    track : TrackParams, optional
+
+    Raises
+    ------
+    EstimationError
+        No frame.
+    """
+    chosen, tracking = params or LocateParams(), track or TrackParams()
+    walk = _walked(frames, priors, tracking)
+    loops, tried = _loops(walk, chosen, tracking)
+    links = [*walk.links, *loops]
+    rig = calibrate([link.relation for link in links], walk.geometries[0], tracking.keypoint_sigma_px)
+    applied = rig.applied if rig is not None and chosen.self_calibrate else RigError()
+    if applied != RigError():
+        links = _corrected(links, walk.geometries[0], tracking.keypoint_sigma_px, applied)
+    parts = stretches(len(walk.stamps_ns), links)
+    start = fit_to(
+        first_poses(len(parts), [link for link in links if link.kind != "loop"]), parts, walk.stamps_ns, priors
+    )
+    anchors = no_anchors() if priors is None else anchors_at(walk.stamps_ns, priors)
+    solved, kept = _solved(start, links, parts, anchors)
+    poses = solved.poses
+    if not len(anchors.index) and chosen.level:
+        poses = levelled(poses, parts, links, walk.geometries[0], applied)
+    trajectory = _trajectory(walk, poses, solved.covariances, kept)
+    found = _findings(walk, trajectory, kept, len(links) - len(kept), rig, applied, anchors)
+    numbers = _statistics(walk, trajectory, kept, len(tried), len(links) - len(kept), solved)
+    return Located(trajectory, found, numbers, tuple(kept), rig, applied)
+
+
+def _walked(frames: Iterable[Frame], priors: Priors | None, tracking: TrackParams) -> Walk:
+    """Every frame looked at once, with a guess where priors know one."""
+    if priors is None:
+        walk = walk_frames(frames, tracking)
+    else:
+        stamps: list[int] = []
+
+        def noted() -> Iterator[Frame]:
+            for frame in frames:
+                stamps.append(frame.stamp_ns)
+                yield frame
+
+        walk = walk_frames(noted(), tracking, relative_guesses(stamps, priors))
+    if not walk.stamps_ns:
+        raise EstimationError("frames: expected at least one, got none", Code.TRAJECTORY)
+    return walk
+
+
+def _loops(walk: Walk, chosen: LocateParams, tracking: TrackParams) -> tuple[list[Link], set[tuple[int, int]]]:
+    """Places seen again, sought twice: along the track, then along the track that the first loops mended."""
+    loops: list[Link] = []
+    tried: set[tuple[int, int]] = set()
+    if chosen.loops_a_frame == 0:
+        return loops, tried
+    parts = stretches(len(walk.stamps_ns), walk.links)
+    poses = first_poses(len(parts), walk.links)
+    sums = summed_covariances(poses, _steps(len(parts), walk.links))
+    for each in (chosen.loops_a_frame, 1):
+        depths = np.nan_to_num(np.array(walk.depths), nan=1.0)
+        geometry = walk.geometries[0]
+        width = 2 * geometry.intrinsics_left[1, 2] / geometry.intrinsics_left[1, 1] * depths
+        pairs = candidates(footprints(poses, depths), _BEYOND_DRIFT * width, parts, each, tried)
+        for i, k in pairs:
+            tried.add((i, k))
+            link = _loop(walk, i, k, chosen, tracking)
+            if link is not None and believable(
+                surprise(poses, sums, i, k, link.relation.motion, link.relation.covariance)
+            ):
+                loops.append(link)
+        if not loops:
+            break
+        poses = _solved(poses, [*walk.links, *loops], parts, no_anchors())[0].poses
+    return loops, tried
+
+
+def _steps(count: int, links: list[Link]) -> Matrix:
+    steps = np.zeros((count, 6, 6))
+    for link in links:
+        steps[link.second] = link.relation.covariance
+    return steps
+
+
+def _loop(walk: Walk, i: int, k: int, chosen: LocateParams, tracking: TrackParams) -> Link | None:
+    first, second, geometry = walk.keypoints[i], walk.keypoints[k], walk.geometries[k]
+    relation = relate(first, second, geometry, tracking, inliers=chosen.loop_inliers)
+    if relation is None or is_ambiguous(first, second, geometry, tracking, relation):
+        return None
+    return Link(i, k, relation, "loop")
+
+
+def _corrected(links: list[Link], geometry: StereoGeometry, sigma_px: float, applied: RigError) -> list[Link]:
+    return [replace(link, relation=corrected(link.relation, geometry, sigma_px, applied)) for link in links]
+
+
+def _edges(links: list[Link]) -> Edges:
+    return Edges(
+        np.array([link.first for link in links], np.int64), np.array([link.second for link in links], np.int64),
+        np.array([link.relation.motion for link in links]).reshape(-1, 4, 4),
+        np.array([link.relation.covariance for link in links]).reshape(-1, 6, 6),
+        np.array([link.kind == "loop" for link in links], np.bool_),
+    )  # fmt: skip
+
+
+def _solved(start: Matrix, links: list[Link], parts: NDArray[np.int64], anchors: Anchors) -> tuple[Solved, list[Link]]:
+    """The graph robustly, then without the loops that do not fit the others."""
+    held = np.unique(parts, return_index=True)[1].astype(np.int64)
+    held = np.array([k for k in held if not np.isin(parts[anchors.index], parts[k]).any()], np.int64)
+    robust = solve_graph(start, _edges(links), held, anchors)
+    kept = [
+        link for link, square in zip(links, robust.squares, strict=True) if link.kind != "loop" or square < _LOOP_CHI2
+    ]
+    edges = _edges(kept)
+    plain = replace(edges, robust=np.zeros(len(kept), np.bool_))
+    return solve_graph(robust.poses, plain, held, anchors, rounds=10), kept
+
+
+def _trajectory(walk: Walk, poses: Matrix, covariances: Matrix, links: list[Link]) -> Trajectory:
+    status = np.full(len(poses), int(PoseStatus.TRACKED), np.uint8)
+    for link in links:
+        if link.kind == "bridge":
+            status[link.second] = int(PoseStatus.BRIDGED)
+    stamps = np.array(walk.stamps_ns, np.int64)
+    parts = stretches(len(poses), links)
+    poses, covariances, parts, predicted = _between(stamps, poses, covariances, parts)
+    status[predicted] = int(PoseStatus.PREDICTED)
+    metric = all(geometry.metric for geometry in walk.geometries)
+    numbers = np.unique(parts, return_inverse=True)[1].astype(np.int64)
+    return Trajectory(stamps, poses, covariances, status, numbers, np.zeros(3), metric)
+
+
+def _between(
+    stamps: NDArray[np.int64], poses: Matrix, covariances: Matrix, parts: NDArray[np.int64]
+) -> tuple[Matrix, Matrix, NDArray[np.int64], NDArray[np.int64]]:
+    """Short parts between frames of one other part: put where the motion across them says, with half of it as sigma."""
+    poses, covariances, parts = poses.copy(), covariances.copy(), parts.copy()
+    predicted = []
+    for number, size in zip(*np.unique(parts, return_counts=True), strict=True):
+        where = np.flatnonzero(parts == number)
+        a, b = int(where[0]) - 1, int(where[-1]) + 1
+        if size > _SHORT or a < 0 or b >= len(parts) or parts[a] != parts[b] or len(where) != b - a - 1:
+            continue
+        across = rigid.log(rigid.inverse(poses[a]) @ poses[b])
+        for k in where:
+            share = (stamps[k] - stamps[a]) / (stamps[b] - stamps[a])
+            poses[k] = poses[a] @ rigid.exp(share * across)
+            unsure = np.r_[np.full(3, np.linalg.norm(across[:3])), np.full(3, np.linalg.norm(across[3:]) + 0.02)] / 2
+            covariances[k] = covariances[a] + np.diag(unsure**2)
+            predicted.append(k)
+        parts[where] = parts[a]
+    return poses, covariances, parts, np.array(predicted, np.int64)
+
+
+def _findings(
+    walk: Walk, trajectory: Trajectory, kept: list[Link], dropped: int, rig: RigFinding | None, applied: RigError,
+    anchors: Anchors,
+) -> tuple[Finding, ...]:  # fmt: skip
+    found = []
+    counts = {status: int((trajectory.status == int(status)).sum()) for status in PoseStatus}
+    segments = int(trajectory.segment.max()) + 1
+    if counts[PoseStatus.BRIDGED]:
+        text = f"{counts[PoseStatus.BRIDGED]} frames bridged by the bottom's shape alone, features were lost"
+        found.append(Finding(Code.TRACK_BRIDGED, text))
+    if counts[PoseStatus.PREDICTED]:
+        text = (
+            f"{counts[PoseStatus.PREDICTED]} frames seen nowhere: put between their neighbours, not to be measured by"
+        )
+        found.append(Finding(Code.TRACK_PREDICTED, text, Severity.UNRELIABLE))
+    if segments > 1:
+        text = f"the dive is in {segments} segments that nothing joins: where they lie to each other is unknown"
+        found.append(Finding(Code.TRACK_SEGMENTS, text, advice="more overlap, or poses from outside, joins them"))
+    if walk.ambiguous:
+        text = f"{len(set(walk.ambiguous))} frames fit at several places about as well: a bottom that repeats itself"
+        found.append(Finding(Code.TRACK_AMBIGUOUS, text, advice="poses from outside (odometry, DVL) tell which"))
+    if dropped:
+        found.append(Finding(Code.TRACK_LOOPS_DROPPED, f"{dropped} loops did not fit the others and were dropped"))
+    if not len(anchors.index):
+        text = "gravity is unknown: no pose from outside; the bottom's plane is laid level"
+        found.append(Finding(Code.TRACK_GRAVITY_UNKNOWN, text))
+    if rig is not None and (rig.offset_significant or rig.focal_significant):
+        found.append(_rig_finding(rig, applied))
+    return tuple(found)
+
+
+def _rig_finding(rig: RigFinding, applied: RigError) -> Finding:
+    text = (
+        f"the rig's told calibration is off: disparity by {-rig.error.offset_px:+.3f} px "
+        f"(sigma {rig.offset_sigma_px:.3f}), "
+        f"focal length by {-100 * rig.error.focal:+.2f} % (sigma {100 * rig.focal_sigma:.2f})"
+    )
+    done = "corrected here" if applied != RigError() else "not corrected"
+    return Finding(Code.TRACK_RIG_OFF, f"{text}; {done}", advice="calibrate the rig anew, in water")
+
+
+def _statistics(
+    walk: Walk, trajectory: Trajectory, kept: list[Link], tried: int, dropped: int, solved: Solved
+) -> dict[str, Any]:
+    kinds = [link.kind for link in kept]
+    return {
+        "frames": len(trajectory), "segments": int(trajectory.segment.max()) + 1, "relations": kinds.count("track"),
+        "bridges": kinds.count("bridge"), "loops": kinds.count("loop"), "loops_tried": tried, "loops_dropped": dropped,
+        "ambiguous": len(set(walk.ambiguous)), "graph_rounds": solved.rounds,
+        "inliers_median": float(np.median([link.relation.inliers for link in kept])) if kept else 0.0,
+    }  # fmt: skip

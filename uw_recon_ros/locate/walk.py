@@ -1,0 +1,193 @@
+"""From frame to frame: which relation joins each frame to those before it, and what had to be done for it."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_recon_ros.track.bridge import Relief, bridge, make_relief
+from uw_recon_ros.track.keypoints import Keypoints, find_keypoints
+from uw_recon_ros.track.params import TrackParams
+from uw_recon_ros.track.relate import RelativePose, relate, rival_inliers
+from uw_recon_ros.types import ByteImage, FloatImage, Matrix, StereoGeometry
+
+_BEFORE = 3  # frames back to which a relation is sought
+_LOOP_KEYPOINTS = 800
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """What the track needs of a frame.
+
+    Parameters
+    ----------
+    stamp_ns : int
+    left : (H, W, 3) or (H, W) uint8
+        Enhanced left rectified view.
+    disparity, sigma : (H, W) float32
+        px; NaN = invalid.
+    geometry : StereoGeometry
+    """
+
+    stamp_ns: int
+    left: ByteImage
+    disparity: FloatImage
+    sigma: FloatImage
+    geometry: StereoGeometry
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """A relation in the graph: frames, kind (``track``, ``bridge`` or ``loop``)."""
+
+    first: int
+    second: int
+    relation: RelativePose
+    kind: str
+
+
+@dataclass(eq=False)
+class Walk:
+    """What is kept of all frames.
+
+    Parameters
+    ----------
+    stamps_ns, keypoints, geometries, depths : lists
+        One a frame; keypoints thinned out, depths the median in m.
+    links : list of Link
+    ambiguous : list of int
+        Frames whose relation was refused, because another fitted about as well.
+    """
+
+    stamps_ns: list[int] = field(default_factory=list)
+    keypoints: list[Keypoints] = field(default_factory=list)
+    geometries: list[StereoGeometry] = field(default_factory=list)
+    depths: list[float] = field(default_factory=list)
+    links: list[Link] = field(default_factory=list)
+    ambiguous: list[int] = field(default_factory=list)
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    index: int
+    keypoints: Keypoints
+    relief: Relief
+    pose: Matrix | None  # in its own stretch; None where it hangs on nothing
+
+
+def thinned(keypoints: Keypoints, count: int) -> Keypoints:
+    """The first `count` of them."""
+    return Keypoints(keypoints.measured[:count], keypoints.sigma[:count], keypoints.descriptors[:count])
+
+
+class Walker:
+    """Joins frames one by one.
+
+    Parameters
+    ----------
+    params : TrackParams
+    """
+
+    def __init__(self, params: TrackParams) -> None:
+        self.params = params
+        self.walk = Walk()
+        self._before: deque[_Seen] = deque(maxlen=_BEFORE)
+        self._velocity: Matrix | None = None  # motion a frame, where it is known
+
+    def add(self, frame: Frame, prior: Matrix | None = None) -> None:
+        """Join the next frame; `prior` is its pose from outside relative to the one before, if known."""
+        keypoints = find_keypoints(frame.left, frame.disparity, frame.sigma, self.params)
+        relief = make_relief(frame.disparity, frame.sigma, frame.geometry)
+        index = len(self.walk.stamps_ns)
+        link = self._link(index, keypoints, relief, frame.geometry, prior)
+        self._keep(frame, keypoints)
+        pose = np.eye(4)
+        if link is not None:
+            self.walk.links.append(link)
+            start = next(seen for seen in self._before if seen.index == link.first)
+            pose = (np.eye(4) if start.pose is None else start.pose) @ link.relation.motion
+        self._velocity = link.relation.motion if link is not None and link.first == index - 1 else None
+        self._before.append(_Seen(index, keypoints, relief, pose))
+
+    def _keep(self, frame: Frame, keypoints: Keypoints) -> None:
+        depth = frame.geometry.depth_from_disparity(frame.disparity[::8, ::8])
+        known = depth[np.isfinite(depth)]
+        self.walk.stamps_ns.append(frame.stamp_ns)
+        self.walk.geometries.append(frame.geometry)
+        self.walk.depths.append(float(np.median(known)) if known.size else float("nan"))
+        self.walk.keypoints.append(thinned(keypoints, _LOOP_KEYPOINTS))
+
+    def _link(
+        self, index: int, keypoints: Keypoints, relief: Relief, geometry: StereoGeometry, prior: Matrix | None
+    ) -> Link | None:
+        guess = prior if prior is not None else self._velocity
+        for seen in reversed(self._before):
+            relation = self._relation(index, seen, keypoints, geometry, guess if seen.index == index - 1 else None)
+            if relation is not None:
+                return Link(seen.index, index, relation, "track")
+            if seen.index == index - 1 and guess is not None:
+                known = 0.02 * float(np.nanmedian(relief.points[..., 2])) if np.isfinite(relief.points).any() else 0.02
+                crossed = bridge(seen.relief, relief, geometry, guess, known)
+                if crossed is not None:
+                    return Link(seen.index, index, crossed, "bridge")
+        return None
+
+    def _relation(
+        self, index: int, seen: _Seen, keypoints: Keypoints, geometry: StereoGeometry, guess: Matrix | None
+    ) -> RelativePose | None:
+        if guess is not None:
+            found = relate(seen.keypoints, keypoints, geometry, self.params, guess)
+            if found is not None:
+                return found
+        found = relate(seen.keypoints, keypoints, geometry, self.params)
+        if found is None:
+            return None
+        if is_ambiguous(seen.keypoints, keypoints, geometry, self.params, found):
+            self.walk.ambiguous.append(index)
+            return None
+        return found
+
+
+def is_ambiguous(
+    first: Keypoints, second: Keypoints, geometry: StereoGeometry, params: TrackParams, found: RelativePose
+) -> bool:
+    """Whether another relation explains about as many key points."""
+    few = thinned(first, _LOOP_KEYPOINTS), thinned(second, _LOOP_KEYPOINTS)
+    return rival_inliers(*few, geometry, params, found) >= params.rival_share * found.inliers
+
+
+def walk_frames(frames: Iterable[Frame], params: TrackParams, priors: Iterator[Matrix | None] | None = None) -> Walk:
+    """Join all frames."""
+    walker = Walker(params)
+    for frame in frames:
+        walker.add(frame, next(priors) if priors is not None else None)
+    return walker.walk
+
+
+def stretches(count: int, links: list[Link]) -> NDArray[np.int64]:
+    """(N,) number of the part each frame belongs to: parts are joined by links; numbered in the order of time."""
+    parent = list(range(count))
+
+    def top(k: int) -> int:
+        while parent[k] != k:
+            parent[k] = parent[parent[k]]
+            k = parent[k]
+        return k
+
+    for link in links:
+        a, b = top(link.first), top(link.second)
+        parent[max(a, b)] = min(a, b)
+    _, numbers = np.unique([top(k) for k in range(count)], return_inverse=True)
+    return np.asarray(numbers, np.int64)
+
+
+def first_poses(count: int, links: list[Link]) -> Matrix:
+    """(N, 4, 4) poses along the links, each part from its first frame on. Links go to later frames, in order."""
+    poses = np.tile(np.eye(4), (count, 1, 1))
+    for link in links:
+        poses[link.second] = poses[link.first] @ link.relation.motion
+    return poses
