@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 SHELL := /bin/sh
 export NO_COLOR
 
-.PHONY: help demo test test-fast lint format bench docs bags warmup clean
+.PHONY: help demo test test-fast lint format bench bench-model docs bags warmup clean
 
 help:  ## what can be made
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -31,6 +31,9 @@ format: $(VENV)/.ready  ## let ruff format the code
 
 bench: $(VENV)/.ready  ## all benchmarks; leaves bench_out/
 	$(BIN)/python test/benchmark/run_all.py --output bench_out
+
+bench-model: $(VENV)/.ready  ## trajectories of simulated dives against the truth
+	$(BIN)/python test/benchmark/dive_model.py
 
 docs: $(VENV)/.ready  ## write config/PARAMETERS.md, default.yaml, docs/topics.md and security/policy.xml from the code
 	$(BIN)/python tools/write_parameters.py

@@ -12,7 +12,7 @@ from uw_recon_ros import rigid
 from uw_recon_ros.track.bridge import bridge, make_relief
 from uw_recon_ros.track.keypoints import Keypoints, RigError, find_keypoints, points_of
 from uw_recon_ros.track.params import TrackParams
-from uw_recon_ros.track.relate import Matches, linearise, projected, relate, rival_inliers
+from uw_recon_ros.track.relate import Matches, linearise, projected, relate, rival
 from uw_recon_ros.types import Matrix
 
 PARAMS = TrackParams()
@@ -134,10 +134,10 @@ def test_a_floor_of_equal_tiles_has_a_rival_and_a_bottom_has_none() -> None:
     free = TrackParams(match_ratio=1.0)
     found = relate(first, second, GEOMETRY, free)
     if found is not None:  # then somebody has to notice
-        assert rival_inliers(first, second, GEOMETRY, free, found) >= free.rival_share * found.inliers
+        assert rival(first, second, GEOMETRY, free, found)[0] >= free.rival_share * found.inliers
     clear = relate(*two(6), GEOMETRY, PARAMS)
     assert clear is not None
-    assert rival_inliers(*two(6), GEOMETRY, PARAMS, clear) < 0.1 * clear.inliers
+    assert rival(*two(6), GEOMETRY, PARAMS, clear)[0] < 0.1 * clear.inliers
 
 
 def test_a_guess_tells_tiles_apart() -> None:

@@ -15,7 +15,8 @@ from uw_recon_ros.types import Matrix, StereoGeometry
 _RELATIONS = 150
 _ROUNDS = 6
 _SIGNIFICANT = 4.0  # standard deviations
-_PRIOR = np.array([2.0, 0.05])  # px, and relative: what a told rig may well be off by
+_SURE_PX, _SURE_FOCAL = 0.1, 0.002  # sigma beyond which nothing is corrected: mud biases the matcher more than that
+_PRIOR = np.array([1.0, 0.01])  # px, and relative: what a told rig may well be off by
 
 
 @dataclass(frozen=True)
@@ -48,9 +49,10 @@ class RigFinding:
 
     @property
     def applied(self) -> RigError:
-        """The part that is significant."""
-        offset = self.error.offset_px if self.offset_significant else 0.0
-        return RigError(offset, self.error.focal if self.focal_significant else 0.0)
+        """The part that is significant and well enough known."""
+        offset = self.offset_significant and self.offset_sigma_px < _SURE_PX
+        focal = self.focal_significant and self.focal_sigma < _SURE_FOCAL
+        return RigError(self.error.offset_px if offset else 0.0, self.error.focal if focal else 0.0)
 
 
 def _reduced(

@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 from uw_recon_ros.track.bridge import Relief, bridge, make_relief
 from uw_recon_ros.track.keypoints import Keypoints, find_keypoints
 from uw_recon_ros.track.params import TrackParams
-from uw_recon_ros.track.relate import RelativePose, relate, rival_inliers
+from uw_recon_ros.track.relate import RelativePose, relate, rival
 from uw_recon_ros.types import ByteImage, FloatImage, Matrix, StereoGeometry
 
 _BEFORE = 3  # frames back to which a relation is sought
-_LOOP_KEYPOINTS = 800
+_LOOP_KEYPOINTS, _RIVAL_KEYPOINTS = 800, 700
+_LEAST_RIVAL = 10  # inliers; fewer are chance
+_CLEARLY = 0.33  # how much nearer to the guess the relation has to be than its rival
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,25 +141,33 @@ class Walker:
     def _relation(
         self, index: int, seen: _Seen, keypoints: Keypoints, geometry: StereoGeometry, guess: Matrix | None
     ) -> RelativePose | None:
-        if guess is not None:
-            found = relate(seen.keypoints, keypoints, geometry, self.params, guess)
-            if found is not None:
+        for near in (guess, None) if guess is not None else (None,):
+            found = relate(seen.keypoints, keypoints, geometry, self.params, near)
+            if found is None:
+                continue
+            if not is_ambiguous(seen.keypoints, keypoints, geometry, self.params, found, guess):
                 return found
-        found = relate(seen.keypoints, keypoints, geometry, self.params)
-        if found is None:
-            return None
-        if is_ambiguous(seen.keypoints, keypoints, geometry, self.params, found):
             self.walk.ambiguous.append(index)
-            return None
-        return found
+        return None
 
 
 def is_ambiguous(
-    first: Keypoints, second: Keypoints, geometry: StereoGeometry, params: TrackParams, found: RelativePose
+    first: Keypoints,
+    second: Keypoints,
+    geometry: StereoGeometry,
+    params: TrackParams,
+    found: RelativePose,
+    guess: Matrix | None = None,
 ) -> bool:
-    """Whether another relation explains about as many key points."""
-    few = thinned(first, _LOOP_KEYPOINTS), thinned(second, _LOOP_KEYPOINTS)
-    return rival_inliers(*few, geometry, params, found) >= params.rival_share * found.inliers
+    """Whether another relation explains about as many key points, and no guess is clearly nearer to the one found."""
+    few = thinned(first, _RIVAL_KEYPOINTS), thinned(second, _RIVAL_KEYPOINTS)
+    inliers, other = rival(*few, geometry, params, found)
+    if inliers < max(params.rival_share * found.inliers * len(few[0]) / max(len(first), 1), _LEAST_RIVAL):
+        return False
+    if guess is None:
+        return True
+    missed = np.linalg.norm((guess - found.motion)[:3, 3])
+    return bool(missed > _CLEARLY * np.linalg.norm((guess - other)[:3, 3]))
 
 
 def walk_frames(frames: Iterable[Frame], params: TrackParams, priors: Iterator[Matrix | None] | None = None) -> Walk:

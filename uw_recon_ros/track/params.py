@@ -19,5 +19,5 @@ class TrackParams(Params):
     track_inliers: int = param(15, "Matches that make a relation of neighbours.", low=6, high=1000)
     search_px: float = param(60.0, "How far from its predicted place a key point is sought first.", unit="px", low=5.0,
                              high=2000.0)  # fmt: skip
-    rival_share: float = param(0.4, "Inliers of another relation, relative to the best, from which it is ambiguous.",
+    rival_share: float = param(0.15, "Inliers of another relation, relative to the best, from which it is ambiguous.",
                                low=0.05, high=1.0)  # fmt: skip

@@ -20,7 +20,7 @@ _ROUNDS = 6
 _APART_PX = 12.0  # from the place a relation predicts: the match of another one
 _SHARED = 2.5  # measured: neighbouring key points have the matcher's errors in common
 _KEPT = 200  # matches that stay with a relation
-_RIVAL_SIMILARITY = 0.94
+_RIVAL_SIMILARITY = 0.9
 
 Pairs = NDArray[np.int64]
 
@@ -281,10 +281,11 @@ def relate(
     return RelativePose(rigid.inverse(motion), covariance, len(kept.first), chi2, matches=thinned)
 
 
-def rival_inliers(
+def rival(
     first: Keypoints, second: Keypoints, geometry: StereoGeometry, params: TrackParams, found: RelativePose
-) -> int:
-    """Inliers of the best *other* relation: on a floor that repeats itself it has about as many.
+) -> tuple[int, Matrix]:
+    """Inliers and motion (first <- second) of the best *other* relation: on a floor that repeats itself it has about as
+    many; zero and `found` where there is none.
 
     Every key point may match those that look nearly as alike as its best, where `found` does not put it.
     """
@@ -299,6 +300,7 @@ def rival_inliers(
     matches = matches_of(first, second, np.stack([good, best[good]], axis=1))
     begun = _p3p(matches, geometry)
     if begun is None:
-        return 0
+        return 0, found.motion
     motion, _, _ = refine(begun[0], matches.picked(begun[1]), geometry, params.keypoint_sigma_px)
-    return int(_gated(motion, matches, geometry, params.keypoint_sigma_px).sum())
+    inliers = int(_gated(motion, matches, geometry, params.keypoint_sigma_px).sum())
+    return inliers, rigid.inverse(motion)

@@ -1,0 +1,134 @@
+"""The whole way on small simulated dives: where it was, what was lost and said so, what does not join."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cache
+
+import cv2
+import numpy as np
+import pytest
+
+from uw_recon_ros import rigid
+from uw_recon_ros.errors import EstimationError
+from uw_recon_ros.evaluate_trajectory import trajectory_errors
+from uw_recon_ros.findings import Code
+from uw_recon_ros.locate.estimate import Located, estimate_trajectory
+from uw_recon_ros.locate.priors import Priors, priors_from_trajectory
+from uw_recon_ros.locate.walk import Frame
+from uw_recon_ros.simulate import CourseParams, SimulateParams, SurveyDive
+from uw_recon_ros.simulate.course import defaults_on
+from uw_recon_ros.trajectory import PoseStatus, Trajectory, pose_matrix, trajectory_of
+
+SIZE = (240, 180)
+
+
+@cache
+def dive(bottom: str = "objects") -> tuple[tuple[Frame, ...], Trajectory]:
+    """Ten frames on a line: rectified left pictures, true disparity with noise, true poses of the rectified view."""
+    params = SimulateParams.from_mapping(defaults_on("line") | {"width": SIZE[0], "height": SIZE[1], "frames": 10})
+    made = SurveyDive(params, CourseParams(track="line", bottom=bottom))
+    camera, frames, poses = made.calibration.left, [], []
+    maps = cv2.initUndistortRectifyMap(camera.k, camera.d, camera.r, camera.p[:, :3], SIZE, cv2.CV_32FC1)
+    for k in range(10):
+        taken = made.frame(k)
+        noise = 0.1 * np.random.default_rng(k).standard_normal(SIZE[::-1]).astype(np.float32)
+        disparity = made.true_disparity(k, made.geometry, *SIZE) + noise
+        left = np.asarray(cv2.remap(taken.left, *maps, cv2.INTER_CUBIC), np.uint8)
+        frames.append(Frame(taken.stamp_ns, left, disparity, np.full_like(disparity, 0.1), made.geometry))
+        turn = np.array(made.geometry.rect_from_raw_left).T
+        poses.append(pose_matrix(taken.pose.position, taken.pose.rotation @ turn))
+    return tuple(frames), trajectory_of([frame.stamp_ns for frame in frames], np.array(poses))
+
+
+def blind(frame: Frame) -> Frame:
+    """A frame whose picture is black; its disparity stays."""
+    return dataclasses.replace(frame, left=np.zeros_like(frame.left))
+
+
+def deaf(frame: Frame) -> Frame:
+    """A frame of which nothing is known."""
+    return dataclasses.replace(blind(frame), disparity=np.full_like(frame.disparity, np.nan))
+
+
+def codes(located: Located) -> set[Code]:
+    return {finding.code for finding in located.findings}
+
+
+def test_a_line_is_a_line() -> None:
+    frames, truth = dive()
+    located = estimate_trajectory(frames)
+    part = trajectory_errors(located.trajectory, truth).segments[0]
+    assert part.frames == 10
+    assert part.ate_m < 0.004
+    assert part.drift_percent["1 m"] < 0.8
+    assert Code.TRACK_GRAVITY_UNKNOWN in codes(located)
+    assert (located.trajectory.status == PoseStatus.TRACKED).all()
+    height = located.trajectory.positions[:, 2]
+    assert height == pytest.approx(truth.positions[:, 2], abs=0.12), "level: z is up, zero on the bottom"
+
+
+def test_the_same_frames_give_the_same_bits() -> None:
+    frames, _ = dive()
+    poses = [estimate_trajectory(frames[:4]).trajectory.poses for _ in range(2)]
+    assert np.array_equal(*poses)
+
+
+def test_a_frame_without_features_is_bridged_and_said_so() -> None:
+    frames, truth = dive()
+    located = estimate_trajectory([*frames[:5], blind(frames[5]), *frames[6:]])
+    assert located.trajectory.status[5] in (PoseStatus.BRIDGED, PoseStatus.PREDICTED)
+    assert codes(located) & {Code.TRACK_BRIDGED, Code.TRACK_PREDICTED}
+    part = trajectory_errors(located.trajectory, truth).segments[0]
+    assert part.frames == 10
+    assert part.largest_m < 0.05
+
+
+def test_a_frame_of_nothing_is_put_between_and_not_trusted() -> None:
+    frames, truth = dive()
+    located = estimate_trajectory([*frames[:5], deaf(frames[5]), *frames[6:]])
+    assert located.trajectory.status[5] == PoseStatus.PREDICTED
+    assert Code.TRACK_PREDICTED in codes(located)
+    assert np.trace(located.trajectory.covariances[5]) > 100 * np.trace(located.trajectory.covariances[4])
+    assert trajectory_errors(located.trajectory, truth).predicted == 1
+
+
+def test_what_does_not_overlap_stays_apart_unless_poses_come_from_outside() -> None:
+    frames, truth = dive()
+    apart = [frames[k] for k in (0, 1, 9)]
+    located = estimate_trajectory(apart)
+    assert located.trajectory.segment.tolist() == [0, 0, 1]
+    assert Code.TRACK_SEGMENTS in codes(located)
+    given = estimate_trajectory(apart, priors_from_trajectory(truth, 0.02, 0.02))
+    assert Code.TRACK_GRAVITY_UNKNOWN not in codes(given)
+    assert given.trajectory.positions == pytest.approx(truth.positions[[0, 1, 9]], abs=0.06)
+
+
+def test_priors_carry_the_world_and_one_that_lies_is_not_believed() -> None:
+    frames, truth = dive()
+    poses = truth.poses.copy()
+    poses[4, 0, 3] += 3.0
+    lying = Priors(truth.stamps_ns, poses, np.diag([400.0] * 3 + [2500.0] * 3), smooth=False)
+    located = estimate_trajectory(frames, lying)
+    assert np.abs(located.trajectory.positions - truth.positions).max() < 0.1
+
+
+def test_an_equal_floor_without_priors_has_no_silent_jump() -> None:
+    """Either a step is right, or the frames are in different segments."""
+    frames, truth = dive("tiles")
+    located = estimate_trajectory(frames)
+    for k in range(9):
+        if located.trajectory.segment[k] != located.trajectory.segment[k + 1]:
+            continue
+        ours = rigid.inverse(located.trajectory.poses[k]) @ located.trajectory.poses[k + 1]
+        true = rigid.inverse(truth.poses[k]) @ truth.poses[k + 1]
+        assert np.linalg.norm((ours - true)[:3, 3]) < 0.05
+    given = estimate_trajectory(frames, priors_from_trajectory(truth, 0.05, 0.02))
+    assert np.abs(given.trajectory.positions - truth.positions).max() < 0.1
+
+
+def test_no_frames_and_one_frame() -> None:
+    with pytest.raises(EstimationError, match="at least one"):
+        estimate_trajectory([])
+    alone = estimate_trajectory(dive()[0][:1])
+    assert len(alone.trajectory) == 1
