@@ -25,7 +25,7 @@ from rclpy.signals import SignalHandlerOptions
 from uw_recon_ros.bags.reader import open_bag
 from uw_recon_ros.pipeline import Pipeline, PipelineParams
 from uw_recon_ros.progress import say
-from uw_recon_ros.ros import transport
+from uw_recon_ros.ros import fastdds
 from uw_recon_ros.types import StereoPair
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -100,7 +100,7 @@ def main() -> int:
     truth = Truth.read(args.bag)
     compile_kernels(next(iter(raw.values())))
 
-    if warning := transport.prepare():
+    if warning := fastdds.prepare():
         say(f"      {warning}")
     context = Context()
     rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)

@@ -11,8 +11,8 @@ from pathlib import Path
 from xml.sax.saxutils import escape, quoteattr
 
 from uw_recon_ros.nodes import disparity_node, pipeline_node, point_cloud_node, preprocess_node, rectify_node
-from uw_recon_ros.ros import frames
-from uw_recon_ros.ros.topics import Input, Output
+from uw_recon_ros.ros import rectified_frame
+from uw_recon_ros.ros.declarations import Input, Output
 
 POLICY = Path(__file__).parent.parent / "config" / "security" / "policy.xml"
 ENCLAVES = "/uw_recon"
@@ -52,10 +52,10 @@ def profiles() -> tuple[Profile, ...]:
     cameras = {source.topic for wanted in pipeline_node.INPUTS for source in wanted.sources}
     return (
         _stage("preprocess_node", preprocess_node.CAMERAS, preprocess_node.OUTPUTS),
-        _stage("rectify_node", rectify_node.INPUTS, rectify_node.OUTPUTS, frames.TOPIC),
+        _stage("rectify_node", rectify_node.INPUTS, rectify_node.OUTPUTS, rectified_frame.TOPIC),
         _stage("disparity_node", disparity_node.INPUTS, disparity_node.OUTPUTS),
         _stage("point_cloud_node", point_cloud_node.INPUTS, point_cloud_node.OUTPUTS),
-        _stage("pipeline_node", pipeline_node.INPUTS, pipeline_node.OUTPUTS, frames.TOPIC),
+        _stage("pipeline_node", pipeline_node.INPUTS, pipeline_node.OUTPUTS, rectified_frame.TOPIC),
         Profile(
             "bag_player_node",
             frozenset(cameras | {"/clock", "/rosout", "/parameter_events"}),

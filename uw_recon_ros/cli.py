@@ -157,7 +157,7 @@ def _doctor(args: argparse.Namespace) -> int:
     if not 0 < args.seconds <= _LONGEST_LOOK_S:
         raise _UsageError(f"--seconds: expected more than 0 and at most {_LONGEST_LOOK_S:g}, got {args.seconds:g}")
     try:
-        from uw_recon_ros.ros.observe import observe
+        from uw_recon_ros.ros.observer.observe import observe
     except ModuleNotFoundError as error:
         raise ReconError(
             f"doctor: expected ROS 2, no module {error.name}: source its setup.bash, or pip install "

@@ -19,8 +19,17 @@ from typing import Any
 import cv2
 import numpy as np
 
-from uw_recon_ros.preprocess import color, diffusion, extension, homomorphic, intensity, matching, moire, wavelet
-from uw_recon_ros.preprocess.eyes import TwoThreads, unit_from_raw
+from uw_recon_ros.preprocess import (
+    color,
+    diffusion,
+    extension,
+    homomorphic,
+    intensity,
+    matching_profile,
+    moire,
+    wavelet,
+)
+from uw_recon_ros.preprocess.image_pairs import TwoThreads, unit_from_raw
 from uw_recon_ros.preprocess.stage import Preprocess, PreprocessParams
 from uw_recon_ros.types import StereoPair
 
@@ -77,10 +86,10 @@ def steps(left: np.ndarray, right: np.ndarray, repeat: int) -> None:
         cpu, wall, gains = measured(lambda: color.equalizing_gains(rgb), repeat)
         print(f"  {'9  colour means: gains of both eyes':42s}{cpu:8.1f}{wall:8.1f}")
         step("9  colour means: apply", partial(color.apply_gains, gains=gains), rgb)
-        cpu, wall, weights = measured(lambda: matching.channel_weights(clean), repeat)
+        cpu, wall, weights = measured(lambda: matching_profile.channel_weights(clean), repeat)
         print(f"  {'m  matching: weights of both eyes':42s}{cpu:8.1f}{wall:8.1f}")
-        gray = step("m  matching: gray", partial(matching.weighted_gray, weights=weights), clean)
-        step("m  matching: denoise", partial(matching.denoise_evenly, sigma=0.02), gray)
+        gray = step("m  matching: gray", partial(matching_profile.weighted_gray, weights=weights), clean)
+        step("m  matching: denoise", partial(matching_profile.denoise_evenly, sigma=0.02), gray)
 
 
 def main() -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from uw_recon_ros.doctor.chain import NODES, TYPES
 from uw_recon_ros.doctor.observation import (
     Arrivals,
     CameraNumbers,
@@ -16,6 +15,7 @@ from uw_recon_ros.doctor.observation import (
     Surroundings,
     Topic,
 )
+from uw_recon_ros.doctor.topic_graph import NODES, TYPES
 from uw_recon_ros.topics import IMAGE
 
 SECOND = 1_000_000_000

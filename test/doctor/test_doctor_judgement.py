@@ -25,10 +25,8 @@ from sights import (
 )
 
 from uw_recon_ros.doctor.cameras import offsets_ms
-from uw_recon_ros.doctor.chain import TYPES
 from uw_recon_ros.doctor.diagnose import Diagnosis, diagnose
 from uw_recon_ros.doctor.finding import Level, fail, warn
-from uw_recon_ros.doctor.near_misses import actual_names, for_image, says_eye
 from uw_recon_ros.doctor.observation import (
     Arrivals,
     ClockSight,
@@ -38,7 +36,9 @@ from uw_recon_ros.doctor.observation import (
     Surroundings,
     Topic,
 )
+from uw_recon_ros.doctor.suggestions import actual_names, for_image, says_eye
 from uw_recon_ros.doctor.text import as_json, as_table
+from uw_recon_ros.doctor.topic_graph import TYPES
 from uw_recon_ros.topics import COMPRESSED_IMAGE, IMAGE, POINT_CLOUD
 
 

@@ -48,12 +48,12 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy  # noqa: E402
 from rclpy.signals import SignalHandlerOptions  # noqa: E402
 from sensor_msgs.msg import CameraInfo, Image  # noqa: E402
 
-from uw_recon_ros.ros import messages, transport  # noqa: E402
+from uw_recon_ros.ros import fastdds, messages  # noqa: E402
 
 LIMIT_S = 600.0  # on hanging; no verdict on speed
 FRAME = "rov_left_optical_frame"
 
-transport.prepare()
+fastdds.prepare()
 
 
 class Bench:

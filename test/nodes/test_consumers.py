@@ -22,7 +22,7 @@ from visualization_msgs.msg import Marker
 
 from uw_recon_ros.nodes.pipeline_node import PipelineNode
 from uw_recon_ros.ros import messages
-from uw_recon_ros.ros.frames import rectifying_transform
+from uw_recon_ros.ros.rectified_frame import rectifying_transform
 from uw_recon_ros.simulate import Dive, SimulateParams
 from uw_recon_ros.types import CameraModel, StereoGeometry
 

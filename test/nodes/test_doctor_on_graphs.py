@@ -29,15 +29,15 @@ from ros_bench import Bench, banded_pair, color, infos, stamped
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 
-from uw_recon_ros.doctor.chain import LISTENED, PIPELINE, STAGES, TYPES
 from uw_recon_ros.doctor.diagnose import Diagnosis, diagnose
 from uw_recon_ros.doctor.text import as_table
+from uw_recon_ros.doctor.topic_graph import LISTENED, PIPELINE, STAGES, TYPES
 from uw_recon_ros.nodes import disparity_node, pipeline_node, point_cloud_node, preprocess_node, rectify_node
 from uw_recon_ros.nodes.pipeline_node import PipelineNode
 from uw_recon_ros.nodes.preprocess_node import PreprocessNode
 from uw_recon_ros.nodes.rectify_node import RectifyNode
-from uw_recon_ros.ros.observe import surroundings
-from uw_recon_ros.ros.probe import Probe
+from uw_recon_ros.ros.observer.observe import surroundings
+from uw_recon_ros.ros.observer.probe import Probe
 
 PERIOD_S = 0.1
 FAST = {"min_disparity": 0, "max_disparity": 24, "effort": "navigation"}

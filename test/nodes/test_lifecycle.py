@@ -21,8 +21,8 @@ from uw_recon_ros.nodes.preprocess_node import CAMERAS, OUTPUTS, PreprocessNode
 from uw_recon_ros.nodes.rectify_node import RectifyNode
 from uw_recon_ros.params import Params, param
 from uw_recon_ros.preprocess.stage import Preprocess, PreprocessParams
-from uw_recon_ros.ros.assembly import Group
 from uw_recon_ros.ros.diagnostics import DEACTIVATED, SUPERSEDED
+from uw_recon_ros.ros.message_groups import Group
 from uw_recon_ros.ros.node import StageNode
 from uw_recon_ros.ros.outputs import Outputs
 from uw_recon_ros.ros.parameters import ParameterError, ParameterSet

@@ -18,7 +18,7 @@ from uw_recon_ros.bags import open_bag
 from uw_recon_ros.nodes import disparity_node, pipeline_node, point_cloud_node, preprocess_node, rectify_node
 from uw_recon_ros.nodes.bag_player_node import BagPlayerNode
 from uw_recon_ros.nodes.replay import parse
-from uw_recon_ros.ros import frames
+from uw_recon_ros.ros import rectified_frame
 
 ROOT = Path(__file__).parent.parent.parent
 TOOL = ROOT / "tools" / "write_policy.py"
@@ -99,7 +99,9 @@ def test_a_stage_does_what_it_may_and_nothing_else(bench: Bench, name: str) -> N
             bench.outsider.destroy_publisher(talker)
     assert subscribed == may_subscribe
     found = seen(bench, node)
-    without = {frames.TOPIC} if frames.TOPIC not in found["publish"] else set()  # tf2_msgs is not installed
+    without = (
+        {rectified_frame.TOPIC} if rectified_frame.TOPIC not in found["publish"] else set()
+    )  # tf2_msgs is not installed
     assert found["publish"] == allowed(name, "topics", "publish") - without
     assert found["reply"] >= {f"/{name}/change_state"}
     # Humble has no get_type_description

@@ -12,10 +12,10 @@ from ros_bench import Bench
 from std_msgs.msg import Header
 
 from uw_recon_ros.nodes.rectify_node import RectifyNode
-from uw_recon_ros.ros import frames
+from uw_recon_ros.ros import rectified_frame
+from uw_recon_ros.ros.declarations import Output
 from uw_recon_ros.ros.diagnostics import Diagnostics
 from uw_recon_ros.ros.outputs import Outputs, Publishers
-from uw_recon_ros.ros.topics import Output
 from uw_recon_ros.types import StereoGeometry
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -77,14 +77,14 @@ def test_nothing_is_told_after_the_end(bench: Bench, outputs: Outputs) -> None:
 
 def test_a_node_without_the_topic_keeps_silent(outputs: Outputs) -> None:
     """Where tf2_msgs is missing, and where it is there but the node does not publish it."""
-    frames.tell_rectified_frame(outputs, GEOMETRY, 0, "left")
+    rectified_frame.tell_rectified_frame(outputs, GEOMETRY, 0, "left")
 
 
 def test_tf_is_told_where_it_is_installed(bench: Bench) -> None:
     tf2_msgs = pytest.importorskip("tf2_msgs.msg", reason="tf2_msgs is part of ROS 2, not of the wheels")
-    assert [output.topic for output in frames.OUTPUTS] == ["/tf_static"]
-    publishers = Publishers(bench.start(RectifyNode), frames.OUTPUTS, lambda: None)
-    frames.tell_rectified_frame(Outputs(publishers, Diagnostics()), GEOMETRY, 0, "left")
+    assert [output.topic for output in rectified_frame.OUTPUTS] == ["/tf_static"]
+    publishers = Publishers(bench.start(RectifyNode), rectified_frame.OUTPUTS, lambda: None)
+    rectified_frame.tell_rectified_frame(Outputs(publishers, Diagnostics()), GEOMETRY, 0, "left")
     heard: list[Any] = []
     bench.outsider.create_subscription(tf2_msgs.TFMessage, "/tf_static", heard.append, LATCHED)
     bench.spin_until(lambda: heard)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pictures import colored_leaves, leaves, psnr
 
-from uw_recon_ros.preprocess.matching import channel_weights, denoise_evenly, excess_sigma, weighted_gray
+from uw_recon_ros.preprocess.matching_profile import channel_weights, denoise_evenly, excess_sigma, weighted_gray
 
 
 def grainy(image: np.ndarray, sigma: float | list[float], seed: int = 0) -> np.ndarray:

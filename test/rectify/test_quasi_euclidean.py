@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rig_scenes import intrinsics, make_rig, random_rig, scatter, tie_points, tie_points_of
 
+from uw_recon_ros.rectify.parametrization import fundamental_and_jacobian
 from uw_recon_ros.rectify.quasi_euclidean import fit_quasi_euclidean
 from uw_recon_ros.rectify.sampson import homogeneous, sampson_distance
-from uw_recon_ros.rectify.unknowns import fundamental_and_jacobian
 
 
 def fit(points, **options):

@@ -8,7 +8,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from uw_recon_ros.ros.diagnostics import DEACTIVATED, IDLE, NO_PARTNER, SUPERSEDED, Diagnostics
-from uw_recon_ros.ros.throttle import Throttle
+from uw_recon_ros.ros.log_throttle import Throttle
 
 
 def values(status: DiagnosticStatus) -> dict[str, str]:

@@ -10,7 +10,7 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
 from stereo_msgs.msg import DisparityImage
 
 from uw_recon_ros.ros.messages import header, image_message
-from uw_recon_ros.ros.recorder import Recorder, camera_numbers
+from uw_recon_ros.ros.observer.recorder import Recorder, camera_numbers
 
 SECOND = 1_000_000_000
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from uw_recon_ros.calibration import make_camera
 from uw_recon_ros.doctor.cameras import source
-from uw_recon_ros.doctor.chain import METRIC_CLOUD, TYPES, UNSCALED_CLOUD
 from uw_recon_ros.doctor.finding import Finding, Level, fail, ok
-from uw_recon_ros.doctor.near_misses import same_elsewhere, says_eye
 from uw_recon_ros.doctor.observation import CameraNumbers, Observation, Topic
+from uw_recon_ros.doctor.suggestions import same_elsewhere, says_eye
+from uw_recon_ros.doctor.topic_graph import METRIC_CLOUD, TYPES, UNSCALED_CLOUD
 from uw_recon_ros.errors import CalibrationError
 from uw_recon_ros.rectify.stereo_info import has_baseline, stereo_axis
 from uw_recon_ros.topics import SIDES

@@ -7,10 +7,10 @@ import statistics
 from bisect import bisect_left
 from collections.abc import Sequence
 
-from uw_recon_ros.doctor.chain import TYPES, sources
 from uw_recon_ros.doctor.finding import Finding, fail, ok, warn
-from uw_recon_ros.doctor.near_misses import for_image, namespace_of, same_elsewhere
 from uw_recon_ros.doctor.observation import Arrivals, Observation, Topic
+from uw_recon_ros.doctor.suggestions import for_image, namespace_of, same_elsewhere
+from uw_recon_ros.doctor.topic_graph import TYPES, sources
 from uw_recon_ros.errors import ImageError
 from uw_recon_ros.images import decode_image
 from uw_recon_ros.node_params import NodeParams

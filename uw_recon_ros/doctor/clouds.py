@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 
 from uw_recon_ros.doctor.calibrations import scale_is_unknown
-from uw_recon_ros.doctor.chain import METRIC_CLOUD, TYPES, UNSCALED_CLOUD
 from uw_recon_ros.doctor.finding import Finding, fail, ok, warn
 from uw_recon_ros.doctor.observation import Observation, Topic
 from uw_recon_ros.doctor.stages import EXCHANGE
+from uw_recon_ros.doctor.topic_graph import METRIC_CLOUD, TYPES, UNSCALED_CLOUD
 from uw_recon_ros.topics import POINT_CLOUD
 
 _STAGE = "cloud"

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from uw_recon_ros.doctor.chain import TYPES
 from uw_recon_ros.doctor.finding import Finding, fail
 from uw_recon_ros.doctor.observation import Endpoint, Observation, Topic
+from uw_recon_ros.doctor.topic_graph import TYPES
 
 _STAGE = "connections"
 

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 
 from uw_recon_ros.doctor.calibrations import check_calibration
 from uw_recon_ros.doctor.cameras import check_cameras
-from uw_recon_ros.doctor.chain import STAGES
 from uw_recon_ros.doctor.clocks import check_clocks
 from uw_recon_ros.doctor.clouds import check_clouds, check_listeners
 from uw_recon_ros.doctor.connections import check_connections
+from uw_recon_ros.doctor.environment import check_discovery, check_transport
 from uw_recon_ros.doctor.finding import Finding, Level
 from uw_recon_ros.doctor.observation import Observation
 from uw_recon_ros.doctor.stages import check_stages, replaced
-from uw_recon_ros.doctor.surroundings import check_discovery, check_transport
+from uw_recon_ros.doctor.topic_graph import STAGES
 
 #: With how many stages replaced by others' nodes a check no longer matters.
 _UNTIL = {check_cameras: 1, check_clocks: 1, check_calibration: 2}

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from uw_recon_ros.doctor.chain import METRIC_CLOUD, NODES, PIPELINE, STAGES, UNSCALED_CLOUD, Stage
 from uw_recon_ros.doctor.finding import Finding, Level, fail, ok, warn
 from uw_recon_ros.doctor.observation import GraphNode, Observation, Status, Topic
+from uw_recon_ros.doctor.topic_graph import METRIC_CLOUD, NODES, PIPELINE, STAGES, UNSCALED_CLOUD, Stage
 
 _OK, _WARN, _ERROR = 0, 1, 2
 #: Standing problems that only say that nothing usable comes in: what keeps it from coming is found upstream.

@@ -27,10 +27,10 @@ from uw_recon_ros.errors import BagError
 from uw_recon_ros.nodes.drain import Drain
 from uw_recon_ros.nodes.replay import Listeners, Report, advertise_recorded, parse
 from uw_recon_ros.nodes.timeline import Timeline
-from uw_recon_ros.ros.main import DONE, FAILED, USAGE, leave, start, until_shutdown
 from uw_recon_ros.ros.message_types import message_class
 from uw_recon_ros.ros.messages import time_message
 from uw_recon_ros.ros.parameters import ParameterError
+from uw_recon_ros.ros.process import DONE, FAILED, USAGE, leave, start, until_shutdown
 from uw_recon_ros.ros.qos import profile
 
 _POLL_S = 0.05

@@ -17,16 +17,16 @@ from typing import Any, NamedTuple
 
 from uw_recon_ros.match.stage import MatchParams
 from uw_recon_ros.node_params import DisparityMessageParams, RateParams
-from uw_recon_ros.ros.assembly import Group
+from uw_recon_ros.ros.declarations import Input, outputs_of, source
 from uw_recon_ros.ros.diagnostics import Diagnostics
-from uw_recon_ros.ros.main import run
-from uw_recon_ros.ros.matching import NodeMatcher
+from uw_recon_ros.ros.message_groups import Group
 from uw_recon_ros.ros.messages import disparity_message, sigma_message, status_message
 from uw_recon_ros.ros.node import StageNode
+from uw_recon_ros.ros.node_matcher import NodeMatcher
 from uw_recon_ros.ros.outputs import Outputs
 from uw_recon_ros.ros.pairs import rectified_pair
 from uw_recon_ros.ros.parameters import ParameterSet
-from uw_recon_ros.ros.topics import Input, outputs_of, source
+from uw_recon_ros.ros.process import run
 from uw_recon_ros.topics import SIDES
 from uw_recon_ros.types import DisparityMap
 

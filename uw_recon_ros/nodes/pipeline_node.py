@@ -17,13 +17,13 @@ from uw_recon_ros.preprocess.sequence import PreprocessSequence
 from uw_recon_ros.preprocess.stage import PreprocessParams
 from uw_recon_ros.reconstruct.stage import Reconstruct, ReconstructParams
 from uw_recon_ros.rectify.stage import RectifyParams
-from uw_recon_ros.ros.assembly import Group
-from uw_recon_ros.ros.main import run
-from uw_recon_ros.ros.matching import NodeMatcher
+from uw_recon_ros.ros.message_groups import Group
 from uw_recon_ros.ros.node import StageNode
+from uw_recon_ros.ros.node_matcher import NodeMatcher
 from uw_recon_ros.ros.outputs import Outputs
 from uw_recon_ros.ros.pairs import calibration_from_infos, raw_pair
 from uw_recon_ros.ros.parameters import ParameterSet
+from uw_recon_ros.ros.process import run
 from uw_recon_ros.types import RectifiedPair
 
 INPUTS = (*preprocess_node.CAMERAS, *rectify_node.CAMERA_INFOS)

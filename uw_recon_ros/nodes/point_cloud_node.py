@@ -22,16 +22,16 @@ from typing import Any, NamedTuple
 
 from uw_recon_ros.node_params import CloudParams, DisparityMessageParams
 from uw_recon_ros.reconstruct.stage import Reconstruct, ReconstructParams
-from uw_recon_ros.ros.assembly import Group
+from uw_recon_ros.ros.declarations import Input, outputs_of, source
 from uw_recon_ros.ros.diagnostics import Diagnostics
 from uw_recon_ros.ros.geometry import check_size, geometry_from_infos
-from uw_recon_ros.ros.main import run
+from uw_recon_ros.ros.message_groups import Group
 from uw_recon_ros.ros.messages import cloud_message, depth_messages, disparity_from_message, surface_message
 from uw_recon_ros.ros.node import StageNode
 from uw_recon_ros.ros.outputs import Outputs
 from uw_recon_ros.ros.pairs import color_image, expect_size
 from uw_recon_ros.ros.parameters import ParameterSet
-from uw_recon_ros.ros.topics import Input, outputs_of, source
+from uw_recon_ros.ros.process import run
 from uw_recon_ros.topics import SIDES, published_by
 from uw_recon_ros.types import ByteImage, DisparityMap
 

@@ -19,15 +19,15 @@ from uw_recon_ros.findings import severe
 from uw_recon_ros.node_params import CameraParams
 from uw_recon_ros.preprocess.sequence import PreprocessSequence
 from uw_recon_ros.preprocess.stage import PreprocessParams
-from uw_recon_ros.ros.assembly import Group
+from uw_recon_ros.ros.declarations import Input, outputs_of, source
 from uw_recon_ros.ros.diagnostics import Diagnostics
-from uw_recon_ros.ros.main import run
+from uw_recon_ros.ros.message_groups import Group
 from uw_recon_ros.ros.messages import header, image_message
 from uw_recon_ros.ros.node import StageNode
 from uw_recon_ros.ros.outputs import Outputs
 from uw_recon_ros.ros.pairs import raw_pair
 from uw_recon_ros.ros.parameters import ParameterSet
-from uw_recon_ros.ros.topics import Input, outputs_of, source
+from uw_recon_ros.ros.process import run
 from uw_recon_ros.topics import SIDES
 from uw_recon_ros.types import EnhancedPair
 

@@ -20,16 +20,16 @@ from typing import Any
 
 from uw_recon_ros.rectify.stage import Rectify, RectifyParams
 from uw_recon_ros.rectify.tracker import RigTracker
-from uw_recon_ros.ros import frames
-from uw_recon_ros.ros.assembly import Group
+from uw_recon_ros.ros import rectified_frame
+from uw_recon_ros.ros.declarations import Input, outputs_of, source
 from uw_recon_ros.ros.diagnostics import Diagnostics
-from uw_recon_ros.ros.main import run
+from uw_recon_ros.ros.message_groups import Group
 from uw_recon_ros.ros.messages import header, image_message, rectified_infos
 from uw_recon_ros.ros.node import StageNode
 from uw_recon_ros.ros.outputs import Outputs
 from uw_recon_ros.ros.pairs import calibration_from_infos, enhanced_pair, is_calibrated
 from uw_recon_ros.ros.parameters import ParameterSet
-from uw_recon_ros.ros.topics import Input, outputs_of, source
+from uw_recon_ros.ros.process import run
 from uw_recon_ros.topics import SIDES
 from uw_recon_ros.types import EnhancedPair, RectifiedPair
 
@@ -39,7 +39,7 @@ INPUTS = (
     *(Input(side, (source(f"{side}/image_enhanced"),)) for side in SIDES),
     *CAMERA_INFOS,
 )
-OUTPUTS = (*outputs_of("rectify_node"), *frames.OUTPUTS)
+OUTPUTS = (*outputs_of("rectify_node"), *rectified_frame.OUTPUTS)
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def report_rectification(diagnostics: Diagnostics, pair: RectifiedPair) -> None:
         row_error_p95_px=f"{quality.row_error_p95_px:.3f}",
         inliers=quality.inliers,
         scale="metric" if pair.geometry.metric else "unknown",
-        rectifying_rotation_deg=f"{frames.rotation_deg(pair.geometry):.3f}",
+        rectifying_rotation_deg=f"{rectified_frame.rotation_deg(pair.geometry):.3f}",
     )
     diagnostics.problem("rectification", "; ".join(map(str, quality.warnings)) or None)
 
@@ -92,7 +92,7 @@ def report_rectification(diagnostics: Diagnostics, pair: RectifiedPair) -> None:
 def publish_rectified(outputs: Outputs, pair: RectifiedPair) -> None:
     """Publish what the rectification stage made."""
     head = header(pair.stamp_ns, pair.frame_id)
-    frames.tell_rectified_frame(outputs, pair.geometry, pair.stamp_ns, pair.frame_id)
+    rectified_frame.tell_rectified_frame(outputs, pair.geometry, pair.stamp_ns, pair.frame_id)
     left_info, right_info = rectified_infos(pair)
     outputs.send("rectified/left/camera_info", lambda: left_info)
     outputs.send("rectified/right/camera_info", lambda: right_info)
@@ -107,8 +107,8 @@ class RectifyNode(StageNode[RigRectifier]):
 
     def __init__(self, **options: Any) -> None:
         super().__init__("rectify_node", classes=(RectifyParams,), inputs=INPUTS, outputs=OUTPUTS, **options)
-        if not frames.OUTPUTS:
-            self.get_logger().debug(frames.ABSENT)
+        if not rectified_frame.OUTPUTS:
+            self.get_logger().debug(rectified_frame.ABSENT)
 
     def build(self, params: ParameterSet) -> RigRectifier:
         """Make the stage; what was known of the rig is forgotten."""

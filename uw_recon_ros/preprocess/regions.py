@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros.findings import Code, Finding, Severity
-from uw_recon_ros.preprocess.eyes import TwoThreads, checked_eyes, full_scale
+from uw_recon_ros.preprocess.image_pairs import TwoThreads, checked_eyes, full_scale
 from uw_recon_ros.types import Mask, RawImage, StereoPair
 from uw_recon_ros.unseen import with_margin
 

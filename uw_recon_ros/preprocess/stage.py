@@ -23,11 +23,11 @@ from uw_recon_ros.preprocess.color import (
 )
 from uw_recon_ros.preprocess.diffusion import diffuse
 from uw_recon_ros.preprocess.extension import crop_extension, extend_symmetric
-from uw_recon_ros.preprocess.eyes import TwoThreads, checked_eyes, full_scale, unit_from_raw
 from uw_recon_ros.preprocess.filterbank import FARRAS, named_wavelet
 from uw_recon_ros.preprocess.homomorphic import homomorphic_filter
+from uw_recon_ros.preprocess.image_pairs import TwoThreads, checked_eyes, full_scale, unit_from_raw
 from uw_recon_ros.preprocess.intensity import intensity_bounds, joint_percentiles, stretch
-from uw_recon_ros.preprocess.matching import channel_weights, denoise_evenly, excess_sigma, weighted_gray
+from uw_recon_ros.preprocess.matching_profile import channel_weights, denoise_evenly, excess_sigma, weighted_gray
 from uw_recon_ros.preprocess.moire import remove_moire
 from uw_recon_ros.preprocess.regions import Regions, find_regions
 from uw_recon_ros.types import ByteImage, EnhancedPair, FloatImage, Mask, StereoPair

@@ -11,12 +11,12 @@ from uw_recon_ros.errors import CalibrationError, EstimationError
 from uw_recon_ros.findings import Code, Finding, Severity
 from uw_recon_ros.rectify.params import RectifyParams
 from uw_recon_ros.rectify.rectification import Rectification, behind, exchanged
+from uw_recon_ros.rectify.refraction_check import port_index
 from uw_recon_ros.rectify.rows import RowAgreement, not_checked
 from uw_recon_ros.rectify.stereo_info import stereo_axis
 from uw_recon_ros.rectify.tie_points import TiePoints
 from uw_recon_ros.rectify.views import View
 from uw_recon_ros.rectify.warp import inner_windows, make_canvas
-from uw_recon_ros.rectify.water import port_index
 from uw_recon_ros.types import (
     Axis,
     RectificationQuality,

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from uw_recon_ros.rectify.parametrization import LOG3, fundamental_and_jacobian, rotation_about, rotations
 from uw_recon_ros.rectify.sampson import homogeneous, sampson_jacobian, sampson_residuals
-from uw_recon_ros.rectify.unknowns import LOG3, fundamental_and_jacobian, rotation_about, rotations
 from uw_recon_ros.types import Matrix
 
 _FOCAL_STARTS = np.linspace(-1.0, 1.0, 9)

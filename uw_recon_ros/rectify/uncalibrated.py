@@ -8,12 +8,12 @@ import numpy as np
 
 from uw_recon_ros.errors import EstimationError
 from uw_recon_ros.findings import Code, Finding
-from uw_recon_ros.rectify.candidate import Candidate, came_rectified, choose_axis
+from uw_recon_ros.rectify.camera_order import sided
 from uw_recon_ros.rectify.fundamental import fit_fundamental
+from uw_recon_ros.rectify.model_selection import Candidate, came_rectified, choose_axis
 from uw_recon_ros.rectify.params import RectifyParams
 from uw_recon_ros.rectify.quality import flatness_warnings, forward_motion, refusals
 from uw_recon_ros.rectify.rectification import Rectification, row_statistics
-from uw_recon_ros.rectify.sides import sided
 from uw_recon_ros.rectify.tie_points import TiePoints, thinned
 from uw_recon_ros.rectify.views import View
 from uw_recon_ros.rectify.warp import inner_windows, make_canvas, swapped_map, swapped_window, warped_centre
@@ -156,7 +156,7 @@ def estimate_rectification(tie_points: TiePoints, params: RectifyParams) -> Rect
 
     The disparity is honest, the scale is not known, and the focal length is a guess that makes rows agree: metres come
     only from ``baseline_m`` and ``focal_px`` given together. ``K_new`` equals ``K_old`` but for the principal points,
-    which follow the crop; where infinity lies is approximated, see `uw_recon_ros.rectify.infinity`.
+    which follow the crop; where infinity lies is approximated, see `uw_recon_ros.rectify.plane_at_infinity`.
 
     Parameters
     ----------

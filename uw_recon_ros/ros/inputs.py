@@ -11,12 +11,12 @@ from rclpy.node import Node
 
 from uw_recon_ros.errors import MessageError
 from uw_recon_ros.messages.headers import received_stamp_ns
-from uw_recon_ros.ros.assembly import Assembler, Group
+from uw_recon_ros.ros.declarations import Input, Source
 from uw_recon_ros.ros.diagnostics import PASSED_OVER, Diagnostics
-from uw_recon_ros.ros.pace import Pace
+from uw_recon_ros.ros.message_groups import Assembler, Group
 from uw_recon_ros.ros.qos import ReliableFirst
-from uw_recon_ros.ros.stalls import in_one_line, why_silent, why_unpaired
-from uw_recon_ros.ros.topics import Input, Source
+from uw_recon_ros.ros.rate_limiter import Pace
+from uw_recon_ros.ros.topic_health import in_one_line, why_silent, why_unpaired
 
 _PATIENCE = 3  # gaps between messages without one, before a slow topic counts as silent
 

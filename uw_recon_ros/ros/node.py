@@ -11,16 +11,16 @@ from rclpy.clock import Clock, ClockType
 
 from uw_recon_ros.node_params import NodeParams
 from uw_recon_ros.params import Params
-from uw_recon_ros.ros.assembly import Group
+from uw_recon_ros.ros.declarations import Input, Output
 from uw_recon_ros.ros.diagnostics import Diagnostics
 from uw_recon_ros.ros.inputs import Inputs
 from uw_recon_ros.ros.lifecycle import ManagedNode
+from uw_recon_ros.ros.log_throttle import Throttle
+from uw_recon_ros.ros.message_groups import Group
 from uw_recon_ros.ros.outputs import Outputs, Publishers
 from uw_recon_ros.ros.parameters import NodeParameters, ParameterError, ParameterSet
 from uw_recon_ros.ros.reporter import Reporter
 from uw_recon_ros.ros.session import Session
-from uw_recon_ros.ros.throttle import Throttle
-from uw_recon_ros.ros.topics import Input, Output
 
 S = TypeVar("S")
 _REFRESH_S = 0.25

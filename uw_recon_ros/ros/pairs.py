@@ -14,8 +14,8 @@ from uw_recon_ros.errors import ImageError
 from uw_recon_ros.images import to_gray
 from uw_recon_ros.messages.headers import stamp_ns
 from uw_recon_ros.messages.images import image_from_message
-from uw_recon_ros.ros.assembly import Group
 from uw_recon_ros.ros.geometry import check_size, geometry_from_infos, window_from_info
+from uw_recon_ros.ros.message_groups import Group
 from uw_recon_ros.types import (
     ByteImage,
     EnhancedPair,

@@ -12,8 +12,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from uw_recon_ros.errors import ReconError
-from uw_recon_ros.ros.assembly import Group
 from uw_recon_ros.ros.diagnostics import DEACTIVATED, SUPERSEDED
+from uw_recon_ros.ros.message_groups import Group
 from uw_recon_ros.ros.outputs import Outputs, Publishers
 from uw_recon_ros.ros.worker import Worker
 

@@ -15,8 +15,8 @@ from uw_recon_ros.progress import say
 if TYPE_CHECKING:
     from uw_recon_ros.pipeline import PipelineParams
     from uw_recon_ros.survey.executor import Executor
+    from uw_recon_ros.survey.job import Outcome
     from uw_recon_ros.survey.params import SurveyParams
-    from uw_recon_ros.survey.request import Outcome
 
 COMPLETE, INCOMPLETE = 0, 1
 _EPILOG = (
@@ -86,9 +86,9 @@ def _survey(
     read_params: Callable[[argparse.Namespace], PipelineParams],
     usage_error: type[Exception],
 ) -> int:
-    from uw_recon_ros.survey.request import Request
+    from uw_recon_ros.survey.job import Request
+    from uw_recon_ros.survey.progress import Teller
     from uw_recon_ros.survey.run import run_survey
-    from uw_recon_ros.survey.telling import Teller
 
     try:
         survey_params = _survey_params(args)

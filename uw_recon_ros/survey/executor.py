@@ -25,7 +25,7 @@ R = TypeVar("R")
 
 #: Libraries compute on one thread in each process: frames are what is spread over the cores.
 SINGLE_THREADED = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-_PRELOADED = ["uw_recon_ros.survey.frame"]
+_PRELOADED = ["uw_recon_ros.survey.worker"]
 _AHEAD = 2  # tasks in flight a process: one at work, one waiting
 
 

@@ -13,18 +13,18 @@ from uw_recon_ros.errors import BagError
 from uw_recon_ros.rectify.rectification import Rectification
 from uw_recon_ros.survey.durable import write_durably, write_json
 from uw_recon_ros.survey.executor import Executor, Lost
-from uw_recon_ros.survey.frame import reconstruct_frame
+from uw_recon_ros.survey.job import Outcome, Request, settings_of
 from uw_recon_ros.survey.listing import Listing, list_frames
 from uw_recon_ros.survey.output_bag import assemble, is_assembled
 from uw_recon_ros.survey.places import Frame
 from uw_recon_ros.survey.plan import Plan, save_plan
-from uw_recon_ros.survey.rectify_once import rectify_rigs, sort_rigs
+from uw_recon_ros.survey.progress import Teller
 from uw_recon_ros.survey.report import write_report
-from uw_recon_ros.survey.request import Outcome, Request, settings_of
+from uw_recon_ros.survey.rig_estimate import rectify_rigs, sort_rigs
 from uw_recon_ros.survey.sources import Source, find_sources
 from uw_recon_ros.survey.store import FAILED, UNRELIABLE, Row, Store, SurveyError, succeeded
 from uw_recon_ros.survey.tables import codes, frames_csv, report, timing_csv
-from uw_recon_ros.survey.telling import Teller
+from uw_recon_ros.survey.worker import reconstruct_frame
 from uw_recon_ros.survey.write import BAG_PARTS
 from uw_recon_ros.system_errors import explain
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from uw_recon_ros.errors import EstimationError
 from uw_recon_ros.findings import Code, Finding
-from uw_recon_ros.rectify.candidate import Candidate
-from uw_recon_ros.rectify.infinity import baseline_side, infinity_shift
+from uw_recon_ros.rectify.model_selection import Candidate
+from uw_recon_ros.rectify.plane_at_infinity import baseline_side, infinity_shift
 from uw_recon_ros.rectify.rectification import Rectification
 from uw_recon_ros.types import Matrix
 

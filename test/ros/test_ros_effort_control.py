@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from uw_recon_ros.ros.governor import EffortGovernor
+from uw_recon_ros.ros.effort_control import EffortGovernor
 
 EFFORTS = ("navigation", "balanced", "quality")
 BUDGET = 0.2

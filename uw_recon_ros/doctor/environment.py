@@ -8,7 +8,7 @@ from uw_recon_ros.doctor.finding import Finding, fail, ok, warn
 from uw_recon_ros.doctor.observation import Observation, Surroundings
 
 _MIB = 1 << 20
-#: Eight processes with the smallest segment of use, see `ros.transport`.
+#: Eight processes with the smallest segment of use, see `ros.fastdds`.
 _SHM_NEEDED = 32 * _MIB
 _FIRST_PORT, _PORTS_A_DOMAIN, _LAST_DOMAIN = 7400, 250, 101
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 
-from uw_recon_ros.doctor.chain import TYPES, sources
 from uw_recon_ros.doctor.observation import Topic
+from uw_recon_ros.doctor.topic_graph import TYPES, sources
 from uw_recon_ros.topics import COMPRESSED_IMAGE, IMAGE, SIDES
 
 #: How drivers name an eye.

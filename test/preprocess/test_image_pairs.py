@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from uw_recon_ros.errors import ImageError
-from uw_recon_ros.preprocess.eyes import TwoThreads, checked_eyes, full_scale, unit_from_raw
+from uw_recon_ros.preprocess.image_pairs import TwoThreads, checked_eyes, full_scale, unit_from_raw
 from uw_recon_ros.types import StereoPair
 
 GRAY = np.zeros((4, 6), np.uint8)

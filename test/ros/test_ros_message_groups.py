@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from uw_recon_ros.ros.assembly import Assembler
 from uw_recon_ros.ros.diagnostics import NO_PARTNER
+from uw_recon_ros.ros.message_groups import Assembler
 
 
 class Bench:

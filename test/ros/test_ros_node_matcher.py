@@ -9,7 +9,7 @@ import numpy as np
 from uw_recon_ros.match.sequence import MatchSequence
 from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.node_params import RateParams
-from uw_recon_ros.ros.matching import NodeMatcher
+from uw_recon_ros.ros.node_matcher import NodeMatcher
 from uw_recon_ros.types import RectificationQuality, RectifiedPair, StereoGeometry
 
 GEOMETRY = StereoGeometry(focal_px=500.0, cx_left=0.0, cx_right=0.0, cy=0.0)

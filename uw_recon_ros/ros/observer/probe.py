@@ -14,14 +14,14 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from uw_recon_ros.doctor.chain import LISTENED, METRIC_CLOUD, NODES, TYPES
-from uw_recon_ros.doctor.chain import UNSCALED_CLOUD as UNSCALED
-from uw_recon_ros.doctor.near_misses import actual_names
 from uw_recon_ros.doctor.observation import ClockSight, GraphNode, Observation, Status, Surroundings, Topic
-from uw_recon_ros.ros.asked import Asked
+from uw_recon_ros.doctor.suggestions import actual_names
+from uw_recon_ros.doctor.topic_graph import LISTENED, METRIC_CLOUD, NODES, TYPES
+from uw_recon_ros.doctor.topic_graph import UNSCALED_CLOUD as UNSCALED
 from uw_recon_ros.ros.message_types import message_class
+from uw_recon_ros.ros.observer.node_answers import Asked
+from uw_recon_ros.ros.observer.recorder import Recorder, camera_numbers, endpoint
 from uw_recon_ros.ros.qos import profile
-from uw_recon_ros.ros.recorder import Recorder, camera_numbers, endpoint
 from uw_recon_ros.topics import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE, POINT_CLOUD, SIDES
 
 NAME = "uw_recon_doctor"

@@ -12,9 +12,9 @@ from uw_recon_ros.params import Params
 from uw_recon_ros.pipeline import PipelineParams
 from uw_recon_ros.survey.params import SurveyParams
 from uw_recon_ros.survey.plan import versions
+from uw_recon_ros.survey.progress import Teller
 from uw_recon_ros.survey.sources import Source, fingerprint, sha256, source_files
 from uw_recon_ros.survey.store import SurveyError
-from uw_recon_ros.survey.telling import Teller
 
 _INERT = {"match_threads"}  # the output does not depend on it
 _SAY_EVERY_S = 5.0

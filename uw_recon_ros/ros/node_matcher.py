@@ -10,7 +10,7 @@ from uw_recon_ros.match.sequence import MatchSequence
 from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.node_params import RateParams
 from uw_recon_ros.ros.diagnostics import Diagnostics
-from uw_recon_ros.ros.governor import EffortGovernor
+from uw_recon_ros.ros.effort_control import EffortGovernor
 from uw_recon_ros.types import DisparityMap, RectifiedPair
 
 _TARGET, _POSSIBLE = "target [Hz]", "possible [Hz]"

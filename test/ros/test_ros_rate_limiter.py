@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from uw_recon_ros.ros.pace import Pace
+from uw_recon_ros.ros.rate_limiter import Pace
 
 
 def taken(limit_hz: float, arrivals: np.ndarray) -> np.ndarray:

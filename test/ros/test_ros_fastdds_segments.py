@@ -6,7 +6,7 @@ import fcntl
 import os
 from pathlib import Path
 
-from uw_recon_ros.ros.orphans import remove_orphans
+from uw_recon_ros.ros.fastdds_segments import remove_orphans
 
 LATER = 1e12
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from uw_recon_ros.rectify.infinity import DEPTH_RATIO, baseline_side, infinity_shift
+from uw_recon_ros.rectify.plane_at_infinity import DEPTH_RATIO, baseline_side, infinity_shift
 
 NEAR = np.linspace(20, 60, 50)
 BOTH = np.linspace(-30, 30, 50)

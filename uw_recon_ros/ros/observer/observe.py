@@ -14,17 +14,17 @@ from rclpy.context import Context
 from rclpy.exceptions import NameValidationException
 from rclpy.executors import SingleThreadedExecutor
 
-from uw_recon_ros.doctor.chain import PIPELINE, STAGES
 from uw_recon_ros.doctor.observation import Observation, Surroundings
-from uw_recon_ros.ros import transport
-from uw_recon_ros.ros.probe import Probe
+from uw_recon_ros.doctor.topic_graph import PIPELINE, STAGES
+from uw_recon_ros.ros import fastdds
+from uw_recon_ros.ros.observer.probe import Probe
 
 _SETTLED_S = 1.0
 
 
 def surroundings() -> Surroundings:
-    """Describe machine and middleware; call before ``transport.prepare``, which sets a profile itself."""
-    chosen = [os.environ[name] for name in transport.CHOICES if os.environ.get(name)]
+    """Describe machine and middleware; call before ``fastdds.prepare``, which sets a profile itself."""
+    chosen = [os.environ[name] for name in fastdds.CHOICES if os.environ.get(name)]
     local = os.environ.get("ROS_LOCALHOST_ONLY") == "1"
     try:
         free = shutil.disk_usage("/dev/shm").free
@@ -79,7 +79,7 @@ def observe(namespace: str | None, seconds: float, ros_args: Sequence[str] = ())
         A name space or ROS argument is none.
     """
     around = surroundings()
-    transport.prepare()
+    fastdds.prepare()
     context = Context()
     try:
         rclpy.init(args=[], context=context)

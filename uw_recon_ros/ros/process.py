@@ -26,7 +26,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from uw_recon_ros import signals
-from uw_recon_ros.ros import transport
+from uw_recon_ros.ros import fastdds
 from uw_recon_ros.ros.node import StageNode
 from uw_recon_ros.ros.parameters import ParameterError
 
@@ -42,7 +42,7 @@ def start(args: Sequence[str] | None) -> None:
     ParameterError
         The ROS arguments, or the parameter file they name, are refused.
     """
-    warning = transport.prepare()
+    warning = fastdds.prepare()
     given = list(sys.argv if args is None else args)
     _check_files(given)
     rclpy.logging.set_logger_level("rcl", LoggingSeverity.FATAL)  # its own words for what is said below
@@ -84,14 +84,14 @@ def until_shutdown() -> Iterator[None]:
 def leave(code: int, *, clean: bool = True) -> int:
     """End ROS; return the exit code, or leave at once where a thread is still computing."""
     rclpy.try_shutdown()
-    transport.clean_up()
+    fastdds.clean_up()
     if not clean:
         signals.leave(code)
     return code
 
 
 def _leave_now(code: int) -> None:
-    transport.clean_up()
+    fastdds.clean_up()
     signals.leave(code)
 
 

@@ -12,10 +12,10 @@ import math
 import numpy as np
 from geometry_msgs.msg import Quaternion, Transform, TransformStamped, Vector3
 
+from uw_recon_ros.ros.declarations import Output
 from uw_recon_ros.ros.message_types import message_class
 from uw_recon_ros.ros.messages import header
 from uw_recon_ros.ros.outputs import Outputs
-from uw_recon_ros.ros.topics import Output
 from uw_recon_ros.types import Matrix, StereoGeometry, optical_frame, rectified_frame
 
 TOPIC = "/tf_static"

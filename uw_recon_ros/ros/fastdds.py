@@ -17,7 +17,7 @@ from pathlib import Path
 
 import rclpy
 
-from uw_recon_ros.ros.orphans import remove_orphans
+from uw_recon_ros.ros.fastdds_segments import remove_orphans
 
 _UP_TO_JAZZY, _SINCE_KILTED = "FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"
 CHOICES = (_UP_TO_JAZZY, _SINCE_KILTED, "FASTDDS_BUILTIN_TRANSPORTS", "ROS_DISCOVERY_SERVER")

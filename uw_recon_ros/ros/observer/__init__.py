@@ -1,0 +1,1 @@
+"""Looking at a running graph from outside, for `doctor`: apart from what makes a node."""
