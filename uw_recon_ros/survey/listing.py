@@ -8,12 +8,9 @@ from pathlib import Path
 
 from uw_recon_ros.bags import open_bag
 from uw_recon_ros.errors import BagError, CalibrationError
-from uw_recon_ros.survey.pair_index import Walk
+from uw_recon_ros.survey.pair_index import Frame, Place, Rigs, Walk
 from uw_recon_ros.survey.params import SurveyParams
-from uw_recon_ros.survey.places import Frame, Place
-from uw_recon_ros.survey.rigs import Rigs
-from uw_recon_ros.survey.sources import Source
-from uw_recon_ros.survey.stills import list_stills
+from uw_recon_ros.survey.sources import Source, list_stills
 from uw_recon_ros.types import StereoCalibration
 
 

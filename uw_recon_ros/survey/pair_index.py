@@ -1,17 +1,106 @@
-"""Pairing the images of a bag by their stamps alone, without decoding them."""
+"""Where the pairs of a recording are: the images of a bag paired by their stamps alone, without decoding them."""
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 from uw_recon_ros.bags import BagReader, RawMessage, StereoTopics
 from uw_recon_ros.bags.stereo import CameraInfoCache
 from uw_recon_ros.errors import BagError
 from uw_recon_ros.pairing import Synchronizer
-from uw_recon_ros.survey.places import Frame, Place
-from uw_recon_ros.survey.rigs import Rigs
-from uw_recon_ros.types import StereoCalibration
+from uw_recon_ros.types import CameraModel, StereoCalibration
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where one image is.
+
+    Parameters
+    ----------
+    name : str
+        Topic, or file of a still.
+    log_ns : int
+        When the message was recorded, ns.
+    nth : int
+        Which of the messages of that topic and time, from 0.
+    """
+
+    name: str
+    log_ns: int = 0
+    nth: int = 0
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One stereo pair, not read yet.
+
+    Parameters
+    ----------
+    number : int
+        Of the pair in the whole input, from 0; the files are named by it.
+    source : int
+        Index into the sources.
+    stamp_ns : int
+        Header stamp of the left image, ns.
+    left, right : Place
+    rig : int
+        Index into the calibrations; -1: none.
+    before : (Place, Place) or None
+        Left and right of the pair before it in the same source.
+    """
+
+    number: int
+    source: int
+    stamp_ns: int
+    left: Place
+    right: Place
+    rig: int = -1
+    before: tuple[Place, Place] | None = None
+
+
+_Key = tuple[bytes | str | int, ...]
+
+
+class Rigs:
+    """Numbers calibrations in the order they appear.
+
+    Parameters
+    ----------
+    given : StereoCalibration, optional
+        Taken instead of any other.
+
+    Attributes
+    ----------
+    calibrations : list of StereoCalibration
+    """
+
+    def __init__(self, given: StereoCalibration | None = None) -> None:
+        self.calibrations: list[StereoCalibration] = []
+        self._given = given
+        self._numbers: dict[_Key, int] = {}
+        self._last: tuple[StereoCalibration, int] | None = None
+
+    def index(self, found: StereoCalibration | None) -> int:
+        """Number of a calibration; -1 for none."""
+        calibration = self._given or found
+        if calibration is None:
+            return -1
+        if self._last and self._last[0].left is calibration.left and self._last[0].right is calibration.right:
+            return self._last[1]
+        key = (*_key(calibration.left), *_key(calibration.right))
+        if key not in self._numbers:
+            self._numbers[key] = len(self.calibrations)
+            self.calibrations.append(calibration)
+        self._last = calibration, self._numbers[key]
+        return self._numbers[key]
+
+
+def _key(camera: CameraModel) -> _Key:
+    arrays = (camera.k, camera.d, camera.r, camera.p)
+    return (camera.width, camera.height, camera.distortion_model, camera.frame_id, *(a.tobytes() for a in arrays))
+
 
 _STAMP = struct.Struct("<4xiI")  # CDR's encapsulation, then the header's stamp
 _BIG_STAMP = struct.Struct(">4xiI")

@@ -24,13 +24,12 @@ from uw_recon_ros.reconstruct.stage import ReconstructParams
 from uw_recon_ros.rectify.rectification import Rectification
 from uw_recon_ros.rectify.stage import RectifyParams
 from uw_recon_ros.rectify.views import View
-from uw_recon_ros.survey.differences import compare, describe
 from uw_recon_ros.survey.durable import write_durably
 from uw_recon_ros.survey.packed import pack, unpack
+from uw_recon_ros.survey.pair_index import Frame
 from uw_recon_ros.survey.params import SurveyParams
-from uw_recon_ros.survey.places import Frame
 from uw_recon_ros.survey.sources import Source
-from uw_recon_ros.survey.store import SurveyError
+from uw_recon_ros.survey.store import SurveyError, compare, describe
 from uw_recon_ros.types import CameraModel, RectificationQuality, StereoCalibration, StereoGeometry, Window
 
 #: Packages whose version may change a bit of the output.

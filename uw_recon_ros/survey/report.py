@@ -15,9 +15,19 @@ from importlib.resources import files
 from typing import Any
 
 from uw_recon_ros.report.embed import script_safe
-from uw_recon_ros.survey.charts import LEFT, RIGHT, WIDTH, Line, chart
 from uw_recon_ros.survey.durable import write_durably
-from uw_recon_ros.survey.pictures import contact_sheet, failed_frames, number, percent, worst_frames
+from uw_recon_ros.survey.figures import (
+    LEFT,
+    RIGHT,
+    WIDTH,
+    Line,
+    chart,
+    contact_sheet,
+    failed_frames,
+    number,
+    percent,
+    worst_frames,
+)
 from uw_recon_ros.survey.store import UNRELIABLE, Row, Store, succeeded
 from uw_recon_ros.survey.write import VIEWS, frame_name
 

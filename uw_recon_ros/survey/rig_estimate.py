@@ -20,7 +20,7 @@ from uw_recon_ros.rectify.stereo_info import has_baseline
 from uw_recon_ros.rectify.tie_points import TiePoints, gathered
 from uw_recon_ros.rectify.uncalibrated import estimate_rectification
 from uw_recon_ros.survey.executor import Executor, Lost
-from uw_recon_ros.survey.places import Frame
+from uw_recon_ros.survey.pair_index import Frame
 from uw_recon_ros.survey.plan import Task
 from uw_recon_ros.survey.worker import tie_points_of
 from uw_recon_ros.types import StereoCalibration

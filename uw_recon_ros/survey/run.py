@@ -16,7 +16,7 @@ from uw_recon_ros.survey.executor import Executor, Lost
 from uw_recon_ros.survey.job import Outcome, Request, settings_of
 from uw_recon_ros.survey.listing import Listing, list_frames
 from uw_recon_ros.survey.output_bag import assemble, is_assembled
-from uw_recon_ros.survey.places import Frame
+from uw_recon_ros.survey.pair_index import Frame
 from uw_recon_ros.survey.plan import Plan, save_plan
 from uw_recon_ros.survey.progress import Teller
 from uw_recon_ros.survey.report import write_report

@@ -19,7 +19,7 @@ from uw_recon_ros.rectify.rectification import Rectification
 from uw_recon_ros.rectify.tie_points import TiePoints, find_tie_points
 from uw_recon_ros.report.figures import as_byte_rgb
 from uw_recon_ros.survey.durable import publish
-from uw_recon_ros.survey.places import Frame
+from uw_recon_ros.survey.pair_index import Frame
 from uw_recon_ros.survey.plan import Plan, Task, load_plan
 from uw_recon_ros.survey.products import Products, Stages, Stopwatch, describe
 from uw_recon_ros.survey.read import Reader

@@ -14,6 +14,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from uw_recon_ros.bags import messages
 from uw_recon_ros.reconstruct.stage import Reconstruct, ReconstructParams
+from uw_recon_ros.rectify.rows import RowAgreement
 from uw_recon_ros.ros.messages import (
     cloud_message,
     depth_messages,
@@ -25,8 +26,8 @@ from uw_recon_ros.ros.messages import (
     status_message,
     surface_message,
 )
+from uw_recon_ros.survey.frame_messages import frame_messages
 from uw_recon_ros.survey.products import Products, Stopwatch
-from uw_recon_ros.survey.topics import frame_messages
 from uw_recon_ros.types import (
     DisparityMap,
     EnhancedPair,
@@ -62,7 +63,16 @@ def products(geometry: StereoGeometry, frame_id: str = "left_optical_frame", *, 
     quality = RectificationQuality("calibrated")
     rectified = RectifiedPair(*colors, *monos, geometry, quality, Window(2, 3, 50, 30), None, **named)
     enhanced = EnhancedPair(*colors, *monos, **named)
-    return Products(enhanced, rectified, disparity, stage.depth(disparity), (0.1, 0.2), stage, Stopwatch())
+    return Products(
+        enhanced,
+        rectified,
+        disparity,
+        stage.depth(disparity),
+        RowAgreement(0.1, 0.2, 0.1, 20, 75.0),
+        (),
+        stage,
+        Stopwatch(),
+    )
 
 
 def of_the_nodes(p: Products) -> dict[str, Any]:
