@@ -17,6 +17,7 @@ from uw_recon_ros.types import ByteImage, FloatImage, Matrix, StereoGeometry
 
 _BEFORE = 3  # frames back to which a relation is sought
 _LOOP_KEYPOINTS, _RIVAL_KEYPOINTS = 800, 700
+_FAR_SHARE, _WEAK_SHARE = 0.1, 0.3  # of the depth, of the usual inliers
 _LEAST_RIVAL = 10  # inliers; fewer are chance
 _CLEARLY = 0.33  # how much nearer to the guess the relation has to be than its rival
 
@@ -98,6 +99,7 @@ class Walker:
         self.params = params
         self.walk = Walk()
         self._before: deque[_Seen] = deque(maxlen=_BEFORE)
+        self._inliers: deque[int] = deque(maxlen=10)
         self._velocity: Matrix | None = None  # motion a frame, where it is known
 
     def add(self, frame: Frame, prior: Matrix | None = None) -> None:
@@ -110,6 +112,8 @@ class Walker:
         pose = np.eye(4)
         if link is not None:
             self.walk.links.append(link)
+            if link.kind == "track":
+                self._inliers.append(link.relation.inliers)
             start = next(seen for seen in self._before if seen.index == link.first)
             pose = (np.eye(4) if start.pose is None else start.pose) @ link.relation.motion
         self._velocity = link.relation.motion if link is not None and link.first == index - 1 else None
@@ -138,6 +142,14 @@ class Walker:
                     return Link(seen.index, index, crossed, "bridge")
         return None
 
+    def _contradicts(self, found: RelativePose, guess: Matrix | None) -> bool:
+        """Whether a relation is far from the guess and weaker than usual: on tiles, the next tile's."""
+        if guess is None or not self._inliers or not self.walk.depths:
+            return False
+        missed = float(np.linalg.norm((guess - found.motion)[:3, 3]))
+        usual = float(np.median(self._inliers))
+        return missed > _FAR_SHARE * self.walk.depths[-1] and found.inliers < _WEAK_SHARE * usual
+
     def _relation(
         self, index: int, seen: _Seen, keypoints: Keypoints, geometry: StereoGeometry, guess: Matrix | None
     ) -> RelativePose | None:
@@ -145,7 +157,10 @@ class Walker:
             found = relate(seen.keypoints, keypoints, geometry, self.params, near)
             if found is None:
                 continue
-            if not is_ambiguous(seen.keypoints, keypoints, geometry, self.params, found, guess):
+            doubtful = self._contradicts(found, guess) or is_ambiguous(
+                seen.keypoints, keypoints, geometry, self.params, found, guess
+            )
+            if not doubtful:
                 return found
             self.walk.ambiguous.append(index)
         return None
