@@ -45,7 +45,7 @@ MAY_IMPORT = {
     "nodes": OFFLINE | {"ros", "nodes", "bags"},
     "survey": OFFLINE | {"survey", "bags", "report", "messages"},
     "executables": {"", "signals"},
-    "cli": OFFLINE | {"pair", "warm", "bags", "simulate", "report", "survey", "doctor", "ros"},
+    "cli": OFFLINE | {"cli", "pair", "warm", "bags", "simulate", "report", "survey", "doctor", "ros"},
 }
 ROS_PACKAGES = re.compile(r"rclpy|rcl_interfaces|builtin_interfaces|ament_index_python|\w+_msgs|std_srvs|launch(_ros)?")
 MODULES = sorted(PACKAGE.rglob("*.py"))

@@ -175,7 +175,7 @@ def test_each_refusal_of_the_system_is_a_sentence_with_advice(
     def refuse(_: object) -> int:
         raise OSError(number, os.strerror(number), "/some/where")
 
-    monkeypatch.setattr(cli, "_info", refuse)
+    monkeypatch.setattr(cli.info, "run", refuse)
     assert main(["info", "x"]) == 1
     told = told_in_one_line(capfd)
     assert told.startswith("uw_recon: /some/where: ")
@@ -190,7 +190,7 @@ def test_an_error_nobody_foresaw_is_called_ours(
         np.zeros((0, 4))[:] = np.zeros((1, 5))
         return 0
 
-    monkeypatch.setattr(cli, "_info", fail)
+    monkeypatch.setattr(cli.info, "run", fail)
     for trace in (False, True):
         monkeypatch.setenv(system_errors.TRACEBACK, "1" if trace else "")
         assert main(["info", "x"]) == 1

@@ -1,4 +1,4 @@
-"""``uw_recon survey``: arguments in, exit code out."""
+"""``uw_recon survey``: whole recordings, offline and resumable."""
 
 from __future__ import annotations
 
@@ -7,57 +7,38 @@ import dataclasses
 import json
 import os
 import sys
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from uw_recon_ros.cli.common import FAILED, OK, UsageError, pipeline_params
 from uw_recon_ros.progress import say
 
 if TYPE_CHECKING:
-    from uw_recon_ros.pipeline import PipelineParams
     from uw_recon_ros.survey.executor import Executor
     from uw_recon_ros.survey.job import Outcome
     from uw_recon_ros.survey.params import SurveyParams
 
-COMPLETE, INCOMPLETE = 0, 1
-_EPILOG = (
+HELP = "reconstruct whole recordings, offline and resumable"
+DESCRIPTION = "Reconstruct every stereo pair of bags (or folders of stills) into a folder; report.html shows it."
+EPILOG = (
     "Exit code: 0 every chosen pair was reconstructed; 1 some were not (frames.csv says which and why), an input could "
     "not be read, or nothing could be done; 2 wrong usage. Killed or interrupted, the same command goes on where it "
     "stood."
 )
 
 
-def add_survey(
-    commands: argparse._SubParsersAction[argparse.ArgumentParser],
-    read_params: Callable[[argparse.Namespace], PipelineParams],
-    usage_error: type[Exception] = ValueError,
-) -> None:
-    """Add the subcommand.
-
-    Parameters
-    ----------
-    commands : the subparsers of ``uw_recon``
-    read_params : callable
-        The stages' parameters from ``--params``.
-    usage_error : type
-        Raised for arguments that cannot be meant.
-    """
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what it takes."""
     from uw_recon_ros.survey.params import SurveyParams
 
-    sub = commands.add_parser(
-        "survey",
-        help="reconstruct whole recordings, offline and resumable",
-        description="Reconstruct every stereo pair of bags (or folders of stills) into a folder; report.html shows it.",
-        epilog=_EPILOG,
-    )
-    sub.add_argument("inputs", nargs="+", metavar="BAG", help="bags, folders of bags, folders with left/ and right/")
-    sub.add_argument("-o", "--output", required=True, metavar="DIR", help="folder to fill, or to go on with")
-    sub.add_argument("--params", metavar="FILE", help="ROS parameter file")
-    sub.add_argument("--calibration", metavar="FILE", help="two camera_info YAML documents, instead of the bag's")
-    sub.add_argument("--overwrite", action="store_true", help="clear what another survey left in DIR")
-    workers = sub.add_mutually_exclusive_group()
+    parser.add_argument("inputs", nargs="+", metavar="BAG", help="bags, folders of bags, folders with left/ and right/")
+    parser.add_argument("-o", "--output", required=True, metavar="DIR", help="folder to fill, or to go on with")
+    parser.add_argument("--params", metavar="FILE", help="ROS parameter file")
+    parser.add_argument("--calibration", metavar="FILE", help="two camera_info YAML documents, instead of the bag's")
+    parser.add_argument("--overwrite", action="store_true", help="clear what another survey left in DIR")
+    workers = parser.add_mutually_exclusive_group()
     workers.add_argument("--jobs", type=_positive, metavar="N", help="local processes (default: all cores)")
     workers.add_argument("--dask", metavar="ADDRESS", help="scheduler of a Dask cluster, e.g. tcp://10.0.0.1:8786")
-    telling = sub.add_mutually_exclusive_group()
+    telling = parser.add_mutually_exclusive_group()
     telling.add_argument("--quiet", action="store_true", help="say nothing but errors")
     telling.add_argument(
         "--json", action="store_true", help="the outcome as one JSON object on stdout, progress as JSON lines on stderr"
@@ -66,12 +47,11 @@ def add_survey(
         options = (
             {"choices": spec.choices} if spec.choices else {"type": spec.type, "metavar": spec.type.__name__[0].upper()}
         )
-        sub.add_argument(
+        parser.add_argument(
             f"--{spec.name.replace('_', '-')}",
             help=f"{spec.doc} {f'[{spec.unit}] ' if spec.unit else ''}(default: {spec.default!r})".replace("%", "%%"),
             **options,
         )
-    sub.set_defaults(run=lambda args: _survey(args, read_params, usage_error))
 
 
 def _positive(text: str) -> int:
@@ -81,11 +61,8 @@ def _positive(text: str) -> int:
     return value
 
 
-def _survey(
-    args: argparse.Namespace,
-    read_params: Callable[[argparse.Namespace], PipelineParams],
-    usage_error: type[Exception],
-) -> int:
+def run(args: argparse.Namespace) -> int:
+    """Reconstruct, and say what came of it."""
     from uw_recon_ros.survey.job import Request
     from uw_recon_ros.survey.progress import Teller
     from uw_recon_ros.survey.run import run_survey
@@ -93,16 +70,16 @@ def _survey(
     try:
         survey_params = _survey_params(args)
     except (TypeError, ValueError) as error:
-        raise usage_error(str(error)) from error
-    request = Request(args.inputs, args.output, read_params(args), survey_params, args.calibration, args.overwrite)
+        raise UsageError(str(error)) from error
+    request = Request(args.inputs, args.output, pipeline_params(args), survey_params, args.calibration, args.overwrite)
     teller = Teller("quiet" if args.quiet else "json" if args.json else "people")
     try:
         outcome = run_survey(request, lambda: _executor(args), teller)
     except KeyboardInterrupt:
         teller.line(f"{args.output}: interrupted; the same command goes on from there")
-        return INCOMPLETE
+        return FAILED
     _tell(outcome, args)
-    return COMPLETE if outcome.complete else INCOMPLETE
+    return OK if outcome.complete else FAILED
 
 
 def _survey_params(args: argparse.Namespace) -> SurveyParams:

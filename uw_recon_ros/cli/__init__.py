@@ -1,0 +1,71 @@
+"""The command line ``uw_recon``: arguments in, exit code out. The work of each subcommand is done elsewhere.
+
+A file a subcommand: `HELP`, `DESCRIPTION`, `EPILOG`, `add_arguments` and `run`. Heavy imports stand inside the
+functions, so that ``--help`` need not wait for the matcher's.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+
+from uw_recon_ros import __version__
+from uw_recon_ros.cli import disparity, doctor, evaluate, info, pack, pair, simulate, survey, warmup
+from uw_recon_ros.cli.common import FAILED, USAGE, UsageError
+from uw_recon_ros.errors import ReconError
+from uw_recon_ros.progress import say
+from uw_recon_ros.system_errors import explain, our_fault
+
+VERBS = (pair, disparity, pack, info, simulate, evaluate, doctor, warmup, survey)
+
+
+def parser() -> argparse.ArgumentParser:
+    """The parser of all subcommands."""
+    top = argparse.ArgumentParser(prog="uw_recon", description="Underwater stereo reconstruction.")
+    top.add_argument("--version", action="version", version=f"uw_recon {__version__}")
+    commands = top.add_subparsers(required=True, metavar="SUBCOMMAND")
+    for verb in VERBS:
+        name = verb.__name__.rpartition(".")[2]
+        sub = commands.add_parser(name, help=verb.HELP, description=verb.DESCRIPTION, epilog=verb.EPILOG)
+        verb.add_arguments(sub)
+        sub.set_defaults(run=verb.run)
+    return top
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one subcommand.
+
+    Returns
+    -------
+    int
+        0 done, 1 failed (one line on standard error says what and why), 2 wrong usage.
+    """
+    if not (sys.argv[1:] if argv is None else argv):
+        parser().print_help(sys.stderr)
+        return USAGE
+    args = parser().parse_args(argv)
+    try:
+        code: int = args.run(args)
+    except UsageError as error:
+        return _fail(error, USAGE)
+    except ReconError as error:
+        return _fail(error, FAILED)
+    except BrokenPipeError:  # whoever reads our output has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAILED
+    except OSError as error:
+        return _fail(explain(error), FAILED)
+    except MemoryError:
+        return _fail("no memory is left: close some programs, take smaller images, or use fewer jobs", FAILED)
+    except KeyboardInterrupt:
+        return _fail("interrupted", FAILED)
+    except Exception as error:
+        return _fail(our_fault(error), FAILED)
+    return code
+
+
+def _fail(error: object, code: int) -> int:
+    say("uw_recon: " + " ".join(str(error).split()))
+    return code

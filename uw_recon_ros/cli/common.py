@@ -1,0 +1,41 @@
+"""What several subcommands share: exit codes, wrong usage, parameters, what is said on the way."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Collection, Iterable, Mapping
+from typing import TYPE_CHECKING, TypeVar
+
+from uw_recon_ros.progress import progress, say
+
+if TYPE_CHECKING:
+    from uw_recon_ros.pipeline import PipelineParams
+
+T = TypeVar("T")
+OK, FAILED, USAGE = 0, 1, 2
+
+
+class UsageError(Exception):
+    """Arguments that cannot be meant."""
+
+
+def pipeline_params(args: argparse.Namespace, **given: object) -> PipelineParams:
+    """Merge the parameter file with options given on the command line, which win."""
+    from uw_recon_ros.pipeline import PipelineParams, read_values
+
+    options = {name: value for name, value in given.items() if value is not None}
+    try:
+        return PipelineParams.from_mapping((read_values(args.params) if args.params else {}) | options)
+    except (TypeError, ValueError) as error:
+        raise UsageError(str(error)) from error
+
+
+def shown(what: str) -> Callable[[Collection[T]], Iterable[T]]:
+    """How far a loop is, told on standard error."""
+    return lambda items: progress(items, what, len(items))
+
+
+def warn(warnings: Iterable[Mapping[str, str]]) -> None:
+    """Say a report's warnings."""
+    for warning in warnings:
+        say(f"{'UNRELIABLE' if warning['severity'] == 'unreliable' else 'warning'}: {warning['text']}")

@@ -1,0 +1,38 @@
+"""``uw_recon info``: whether a bag can be reconstructed."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+
+from uw_recon_ros.cli.common import FAILED, OK, UsageError
+from uw_recon_ros.pairing import PAIR_TOLERANCE_MS
+
+HELP = "tell whether a bag can be reconstructed"
+DESCRIPTION = None
+EPILOG = "Exit code: 0 it can, 1 it cannot, 2 wrong usage."
+_LARGEST_TOLERANCE_MS = 1e3
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what it takes."""
+    parser.add_argument("bag")
+    parser.add_argument("--json", action="store_true", help="one JSON object instead of the text")
+    parser.add_argument(
+        "--pair-tolerance-ms", type=float, default=PAIR_TOLERANCE_MS, metavar="MS",
+        help="largest difference of stamps within a pair, as for survey (default %(default)s)",
+    )  # fmt: skip
+
+
+def run(args: argparse.Namespace) -> int:
+    """Look at the bag, and say what it allows."""
+    from uw_recon_ros.bags.info import bag_info
+
+    if not 0 <= args.pair_tolerance_ms <= _LARGEST_TOLERANCE_MS:
+        raise UsageError(
+            f"--pair-tolerance-ms: expected 0 to {_LARGEST_TOLERANCE_MS:g}, got {args.pair_tolerance_ms:g}"
+        )
+    found = bag_info(args.bag, tolerance_ns=round(args.pair_tolerance_ms * 1e6))
+    sys.stdout.write(f"{json.dumps(found.as_dict(), allow_nan=False) if args.json else found}\n")
+    return OK if found.reconstructable else FAILED

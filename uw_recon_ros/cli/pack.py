@@ -1,0 +1,30 @@
+"""``uw_recon pack``: folders of stills to a bag."""
+
+from __future__ import annotations
+
+import argparse
+
+from uw_recon_ros.cli.common import OK, shown
+
+HELP = "put folders of stills into a bag"
+DESCRIPTION = "Stills to a rosbag2 bag."
+EPILOG = None
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what it takes."""
+    parser.add_argument("--left", required=True, metavar="GLOB", help="left images, quoted: 'left/*.png'")
+    parser.add_argument("--right", required=True, metavar="GLOB")
+    parser.add_argument("-o", "--output", required=True, metavar="BAG")
+    parser.add_argument("--calibration", metavar="FILE", help="two camera_info YAML documents, left and right")
+    parser.add_argument("--rate", type=float, default=2.0, metavar="HZ", help="pairs a second (default %(default)s)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write the bag."""
+    from uw_recon_ros.bags.pack import pack
+    from uw_recon_ros.calibration import read_calibration
+
+    calibration = read_calibration(args.calibration) if args.calibration else None
+    pack(args.left, args.right, args.output, calibration=calibration, rate_hz=args.rate, progress=shown("pairs"))
+    return OK

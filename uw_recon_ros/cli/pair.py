@@ -1,0 +1,40 @@
+"""``uw_recon pair``: one image pair to disparity, cloud and mesh."""
+
+from __future__ import annotations
+
+import argparse
+
+from uw_recon_ros.cli.common import OK, pipeline_params, warn
+from uw_recon_ros.progress import say
+
+HELP = "reconstruct one image pair"
+DESCRIPTION = "The whole pipeline on one pair."
+EPILOG = None
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what it takes."""
+    parser.add_argument("left", help="image of the left camera (the upper or lower one of a vertical rig)")
+    parser.add_argument("right", help="image of the right camera")
+    parser.add_argument("-o", "--output", required=True, metavar="DIR", help="folder to fill; index.html shows it all")
+    parser.add_argument("--calibration", metavar="FILE", help="two camera_info YAML documents, left and right")
+    parser.add_argument("--params", metavar="FILE", help="ROS parameter file")
+    parser.add_argument("--overwrite", action="store_true", help="replace files of an earlier run")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Reconstruct the pair, and say what came of it."""
+    from uw_recon_ros.pair import reconstruct_files
+
+    report = reconstruct_files(
+        args.left, args.right, args.output, pipeline_params(args), args.calibration, overwrite=args.overwrite
+    )
+    warn(report["warnings"])
+    rectification, matching = report["rectification"], report["matching"]
+    median = rectification["row_error_median_px"]
+    say(
+        f"{args.output}/index.html: row error {'not known' if median is None else f'{median:.2f} px'}, "
+        f"density {matching['density']:.0%}, scale {report['scale']}"
+        f"{'' if report['reliable'] else ', NOT RELIABLE: see the warnings'}"
+    )
+    return OK
