@@ -15,6 +15,7 @@ NODES = ["preprocess_node", "rectify_node", "disparity_node", "point_cloud_node"
 MESSAGES = ["sensor-msgs", "stereo-msgs", "diagnostic-msgs", "std-srvs", "visualization-msgs"]
 MESSAGES += ["rosgraph-msgs", "lifecycle-msgs"]
 DASK, LAZ = ["distributed>=2024.1"], ["laspy>=2.5", "lazrs>=0.5"]
+COMPLETION = ["argcomplete>=3"]
 TEST = [
     "pytest>=7.4",
     "pytest-xdist>=3",
@@ -23,6 +24,7 @@ TEST = [
     "psutil>=5.9",
     *DASK,
     *LAZ,
+    *COMPLETION,
 ]
 
 
@@ -81,6 +83,7 @@ setup(
         "ros-kilted": ros_wheels("kilted"),
         "dask": DASK,
         "laz": LAZ,
+        "completion": COMPLETION,
         "test": TEST,
         "dev": [*TEST, "ruff~=0.17.6", "mypy~=2.4.1", "scipy-stubs", "types-PyYAML", "types-tqdm"],
     },

@@ -14,8 +14,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
-from uw_recon_ros import strict_yaml
-
 _SPEC = "uw_recon_spec"
 P = TypeVar("P", bound="Params")
 
@@ -157,6 +155,8 @@ def read_parameter_file(path: str | Path, node_names: Iterable[str]) -> dict[str
     ValueError
         The file cannot be read, or is not a ROS parameter file.
     """
+    from uw_recon_ros import strict_yaml
+
     try:
         document = strict_yaml.read(path) or {}
     except strict_yaml.YamlError as error:

@@ -7,8 +7,6 @@ import time
 from collections.abc import Iterable, Iterator
 from typing import TypeVar
 
-from tqdm import tqdm
-
 T = TypeVar("T")
 _LINE_EVERY_S = 5.0
 
@@ -25,6 +23,8 @@ def progress(items: Iterable[T], what: str, total: int | None = None) -> Iterato
         How many there will be.
     """
     if sys.stderr.isatty():
+        from tqdm import tqdm
+
         yield from tqdm(items, desc=what, total=total, unit="", dynamic_ncols=True, leave=False)
         return
     started = said = time.monotonic()

@@ -19,7 +19,7 @@ from uw_recon_ros.preprocess.stage import Preprocess, PreprocessParams
 from uw_recon_ros.rectify.stage import Rectify, RectifyParams
 from uw_recon_ros.rectify.tracker import RigTracker
 from uw_recon_ros.simulate import CourseParams, SimulateParams, SurveyDive
-from uw_recon_ros.simulate.course import defaults_on
+from uw_recon_ros.simulate.params import defaults_on
 from uw_recon_ros.trajectory import pose_matrix
 from uw_recon_ros.types import StereoGeometry, StereoPair
 

@@ -9,28 +9,38 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
-from uw_recon_ros import __version__
-from uw_recon_ros.cli import disparity, doctor, evaluate, info, pack, pair, simulate, survey, warmup
+from uw_recon_ros.cli import completion, disparity, doctor, evaluate, info, pack, pair, simulate, survey, warmup
 from uw_recon_ros.cli.common import FAILED, USAGE, UsageError
 from uw_recon_ros.errors import ReconError
 from uw_recon_ros.progress import say
 from uw_recon_ros.system_errors import explain, our_fault
 
-VERBS = (pair, disparity, pack, info, simulate, evaluate, doctor, warmup, survey)
+_MODULES = (pair, disparity, pack, info, simulate, evaluate, doctor, warmup, survey, completion)
+VERBS = {verb.__name__.rpartition(".")[2]: verb for verb in _MODULES}
 
 
-def parser() -> argparse.ArgumentParser:
-    """The parser of all subcommands."""
+class _Version(argparse.Action):
+    """As argparse's own, but the version is looked up when it is asked for."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        import uw_recon_ros
+
+        sys.stdout.write(f"uw_recon {uw_recon_ros.__version__}\n")
+        parser.exit()
+
+
+def make_parser(words: Collection[str] = tuple(VERBS)) -> argparse.ArgumentParser:
+    """The parser of all subcommands; only those that stand among `words` know their arguments."""
     top = argparse.ArgumentParser(prog="uw_recon", description="Underwater stereo reconstruction.")
-    top.add_argument("--version", action="version", version=f"uw_recon {__version__}")
+    top.add_argument("--version", action=_Version, nargs=0, help="show program's version number and exit")
     commands = top.add_subparsers(required=True, metavar="SUBCOMMAND")
-    for verb in VERBS:
-        name = verb.__name__.rpartition(".")[2]
+    for name, verb in VERBS.items():
         sub = commands.add_parser(name, help=verb.HELP, description=verb.DESCRIPTION, epilog=verb.EPILOG)
-        verb.add_arguments(sub)
         sub.set_defaults(run=verb.run)
+        if name in words:
+            verb.add_arguments(sub)
     return top
 
 
@@ -42,12 +52,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     int
         0 done, 1 failed (one line on standard error says what and why), 2 wrong usage.
     """
-    if not (sys.argv[1:] if argv is None else argv):
-        parser().print_help(sys.stderr)
-        return USAGE
-    args = parser().parse_args(argv)
     try:
-        code: int = args.run(args)
+        return _run(sys.argv[1:] if argv is None else argv)
     except UsageError as error:
         return _fail(error, USAGE)
     except ReconError as error:
@@ -63,6 +69,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _fail("interrupted", FAILED)
     except Exception as error:
         return _fail(our_fault(error), FAILED)
+
+
+def _run(words: Sequence[str]) -> int:
+    completion.answer_the_shell(make_parser)
+    parser = make_parser(words)
+    if not words:
+        parser.print_help(sys.stderr)
+        return USAGE
+    args = parser.parse_args(words)
+    code: int = args.run(args)
     return code
 
 

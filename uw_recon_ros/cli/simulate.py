@@ -13,8 +13,7 @@ EPILOG = None
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what it takes: every parameter of the simulation is an option."""
-    from uw_recon_ros.simulate.course import ON_A_TRACK, CourseParams
-    from uw_recon_ros.simulate.params import SimulateParams
+    from uw_recon_ros.simulate.params import ON_A_TRACK, CourseParams, SimulateParams
 
     parser.add_argument("-o", "--output", required=True, metavar="BAG")
     parser.add_argument("--truth", metavar="DIR", help="with --track: folder for trajectory.txt (TUM) and surface.ply")
@@ -33,8 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write the bag, and the truth where it is asked for."""
-    from uw_recon_ros.simulate.course import CourseParams, defaults_on
-    from uw_recon_ros.simulate.params import SimulateParams
+    from uw_recon_ros.simulate.params import CourseParams, SimulateParams, defaults_on
     from uw_recon_ros.simulate.write import simulate, simulate_survey
 
     given = {spec.name: getattr(args, spec.name) for spec in (*SimulateParams.specs(), *CourseParams.specs())}

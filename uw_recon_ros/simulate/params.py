@@ -9,6 +9,13 @@ from uw_recon_ros.params import Params, param
 SCENES = ("amphora", "pipe", "reef", "plane")
 WATERS = ("clear", "I", "IA", "IB", "II", "III", "1C", "3C", "5C", "7C", "9C")
 
+TRACKS = ("line", "lawnmower", "orbit", "return")
+BOTTOMS = ("objects", "relief", "flat", "ripples", "tiles")
+
+#: What `SimulateParams` are on a track unless they are given.
+ON_A_TRACK: dict[str, object] = {"frames": 60, "speed_m_s": 0.3, "distance_m": 1.25, "pitch_deg": 90.0}
+_ORBIT_PITCH_DEG = 45.0
+
 
 @dataclass(frozen=True)
 class SimulateParams(Params):
@@ -61,3 +68,35 @@ class SimulateParams(Params):
             raise ValueError(
                 f"distance_m: expected at least twice baseline_m = {self.baseline_m} m, got {self.distance_m}"
             )
+
+
+def defaults_on(track: str) -> dict[str, object]:
+    """Values of `SimulateParams` that suit a track: an orbit looks at its middle, the others straight down."""
+    return ON_A_TRACK | ({"pitch_deg": _ORBIT_PITCH_DEG} if track == "orbit" else {})
+
+
+@dataclass(frozen=True)
+class CourseParams(Params):
+    """A dive along a track. Together with `SimulateParams` the same parameters give the same bytes."""
+
+    track: str = param("lawnmower", "Shape of the track.", choices=TRACKS)
+    bottom: str = param("objects", "What is swum over; tiles and ripples repeat themselves.", choices=BOTTOMS)
+    leg_m: float = param(3.0, "Length of a straight leg of lawnmower and return.", unit="m", low=0.1, high=1000.0)
+    spacing_m: float = param(0.6, "Between neighbouring legs.", unit="m", low=0.05, high=100.0)
+    heading_swing_deg: float = param(0.0, "Slow swing of the heading to either side.", unit="deg", low=0.0, high=90.0)
+    altitude_swing_m: float = param(0.0, "Slow change of altitude up and down.", unit="m", low=0.0, high=10.0)
+
+    dropped_share: float = param(0.0, "Share of pairs that never arrive.", low=0.0, high=0.9)
+    blackout_m: float = param(0.0, "Stretch in the middle of the track without any pair.", unit="m", low=0.0,
+                              high=1000.0)  # fmt: skip
+    blurred_share: float = param(0.0, "Share of pairs smeared by motion.", low=0.0, high=1.0)
+    blur_px: float = param(12.0, "Length of that smear.", unit="px", low=0.0, high=200.0)
+    exposure_step: float = param(0.0, "Jump of the exposure every tenth pair: 0.5 is half as bright again.",
+                                 low=0.0, high=4.0)  # fmt: skip
+    movers: int = param(0, "Things that crawl over the bottom.", low=0, high=50)
+
+    told_disparity_offset_px: float = param(
+        0.0, "Error of the disparity that the told calibration brings.", unit="px", low=-20.0, high=20.0
+    )
+    told_focal_percent: float = param(0.0, "Error of the told focal length.", unit="%", low=-20.0, high=20.0)
+    sensors: bool = param(True, "Whether the bag holds IMU, pressure, DVL and GNSS.")

@@ -9,9 +9,8 @@ import numpy as np
 
 from uw_recon_ros.bags.messages import pose_message, stamp_ns
 from uw_recon_ros.bags.writer import BagWriter
-from uw_recon_ros.simulate.course import CourseParams
 from uw_recon_ros.simulate.dive import Dive, SimulatedFrame
-from uw_recon_ros.simulate.params import SimulateParams
+from uw_recon_ros.simulate.params import CourseParams, SimulateParams
 from uw_recon_ros.simulate.rig import LEFT_FRAME, RIGHT_FRAME
 from uw_recon_ros.simulate.sensors import sensor_messages
 from uw_recon_ros.simulate.survey_dive import SurveyDive, write_surface
