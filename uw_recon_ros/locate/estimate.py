@@ -249,7 +249,7 @@ def _findings(
     if not len(anchors.index):
         text = "gravity is unknown: no pose from outside; the bottom's plane is laid level"
         found.append(Finding(Code.TRACK_GRAVITY_UNKNOWN, text))
-    if rig is not None and (rig.offset_significant or rig.focal_significant):
+    if rig is not None and rig.applied != RigError():
         found.append(_rig_finding(rig, applied))
     return tuple(found)
 
