@@ -272,9 +272,9 @@ def test_no_scale(seen: Observation, words: str) -> None:
 @pytest.mark.parametrize(
     ("seen", "words"),
     [
-        (info(left=numbers(width=320)), "the calibration is for 320x480, the images are 640x480"),
+        (info(left=numbers(width=320)), "expected 640x480 px as the images, got 320x480"),
         (info(right=numbers(40.0)), "expected P[3] = -fx B < 0"),
-        (info(left=numbers(-40.0), right=numbers()), "are left and right exchanged?"),
+        (info(left=numbers(-40.0), right=numbers()), "are left and right exchanged"),
         (info(left=numbers(d=(1.0, 2.0))), "left D: expected 4 or 5 finite numbers"),
     ],
 )

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterator
-
-import numpy as np
 
 from uw_recon_ros.bags.findings import BagInfo, CalibrationState
 from uw_recon_ros.bags.stereo import CameraInfoCache
-from uw_recon_ros.types import CameraModel
+from uw_recon_ros.calibration import judge as judge_numbers
+from uw_recon_ros.findings import Code
+from uw_recon_ros.types import CameraModel, StereoCalibration
 
 _FEW = 0.9  # share of images that should have partners
 _NAN = float("nan")
@@ -33,7 +34,7 @@ def judge_calibration(
         return "none", _NAN, f"no CameraInfo of the {missing} eye"
     for name, cache in (("left", left), ("right", right)):
         if cache.problem is not None:
-            zero = "not calibrated" in str(cache.problem)
+            zero = cache.problem.code == Code.CALIBRATION_NOT_CALIBRATED
             return "zero" if zero else "inconsistent", _NAN, f"{name} CameraInfo: {cache.problem}"
     if left.camera is None or right.camera is None:
         return "none", _NAN, "no CameraInfo that can be read"
@@ -41,26 +42,11 @@ def judge_calibration(
 
 
 def _judge_cameras(left: CameraModel, right: CameraModel, size: tuple[int, int]) -> tuple[CalibrationState, float, str]:
-    for name, camera in (("left", left), ("right", right)):
-        if (camera.width, camera.height) != size and size[0]:
-            told = f"{name} CameraInfo is for {camera.width}x{camera.height} px"
-            return "inconsistent", _NAN, f"{told}, the images have {size[0]}x{size[1]}"
-    if not np.allclose(left.p[:2, :2], right.p[:2, :2], rtol=1e-3):
-        focals = left.p[0, 0], right.p[0, 0]
-        return "inconsistent", _NAN, f"P: expected one focal length, left {focals[0]:.1f} and right {focals[1]:.1f} px"
-    if np.any(left.p[:2, 3]):
-        return (
-            "inconsistent",
-            _NAN,
-            "P: the left eye has the baseline: expected P[3] = P[7] = 0 there (exchanged eyes?)",
-        )
-    shift = -right.p[:2, 3] / (right.p[0, 0], right.p[1, 1])
-    baseline = float(shift[np.argmax(np.abs(shift))])
-    if baseline == 0:
-        return "consistent", _NAN, "P[3] = P[7] = 0: no baseline, so no scale"
-    if abs(shift[0]) > abs(shift[1]) and baseline < 0:
-        return "inconsistent", _NAN, f"P[3]: the right eye lies {-baseline:.3f} m to the left of the left one"
-    return "metric", baseline, ""
+    judgement = judge_numbers.judge_calibration(StereoCalibration(left, right), size if size[0] else None)
+    said = "; ".join(str(finding) for finding in judgement.findings)
+    if judgement.refusal is not None:
+        return "inconsistent", _NAN, str(judgement.refusal)
+    return ("consistent" if math.isnan(judgement.baseline_m) else "metric"), judgement.baseline_m, said
 
 
 def judge(info: BagInfo, calibration_problem: str, changes: int) -> BagInfo:
@@ -117,7 +103,7 @@ def _warnings(info: BagInfo, calibration_problem: str) -> Iterator[str]:
         yield f"{info.gaps} gaps in the pairs, the longest {info.largest_gap_s:.2f} s"
     if info.calibration in ("none", "zero", "consistent") and info.left is not None:
         yield f"the scale is unknown: {calibration_problem}"
-    if abs(info.baseline_m) > 5:
-        yield f"a baseline of {info.baseline_m:g} m: is the calibration in millimetres?"
+    if info.calibration == "metric" and calibration_problem:
+        yield f"the calibration is doubtful: {calibration_problem}"
     if info.damage:
         yield f"damaged: {len(info.damage)} places could not be read"

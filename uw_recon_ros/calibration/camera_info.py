@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import yaml
 
 from uw_recon_ros import strict_yaml
-from uw_recon_ros.calibration.model import make_camera, short
+from uw_recon_ros.calibration.model import as_imaged, make_camera, short
 from uw_recon_ros.errors import CalibrationError
 from uw_recon_ros.images import write_bytes
 from uw_recon_ros.types import CameraModel, Matrix, StereoCalibration
@@ -26,10 +26,13 @@ def camera_from_info(info: Any) -> CameraModel:
     CalibrationError
         The camera is not calibrated or its numbers make no sense.
     """
-    return make_camera(
+    camera = make_camera(
         width=info.width, height=info.height, k=info.k, d=info.d, r=info.r, p=info.p,
         distortion_model=info.distortion_model, frame_id=info.header.frame_id,
     )  # fmt: skip
+    roi = getattr(info, "roi", None)
+    window = (roi.x_offset, roi.y_offset, roi.width, roi.height) if roi is not None else (0, 0, 0, 0)
+    return as_imaged(camera, (getattr(info, "binning_x", 0), getattr(info, "binning_y", 0)), window)
 
 
 def _camera_from_yaml(document: Any, name: str) -> CameraModel:
@@ -42,8 +45,13 @@ def _camera_from_yaml(document: Any, name: str) -> CameraModel:
     width, height = (_entry(document, key, int, name) for key in ("image_width", "image_height"))
     model, frame = (_entry({key: "", **document}, key, str, name) for key in ("distortion_model", "frame_id"))
     return make_camera(
-        width=width, height=height, k=k, d=d, r=r, p=p, distortion_model=model or "plumb_bob", frame_id=frame
+        width=width, height=height, k=k, d=d, r=r, p=p, distortion_model=model or _told_lens(document), frame_id=frame
     )
+
+
+def _told_lens(document: dict[str, Any]) -> str:
+    """Some calibrators write ``camera_model: fisheye`` instead of a ``distortion_model``."""
+    return "equidistant" if document.get("camera_model") == "fisheye" else ""
 
 
 def _entry(document: dict[str, Any], key: str, kind: type[T], name: str) -> T:

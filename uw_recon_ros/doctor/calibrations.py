@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from uw_recon_ros.calibration import make_camera
+from uw_recon_ros.calibration import as_imaged, make_camera
+from uw_recon_ros.calibration.judge import has_baseline, judge_calibration
 from uw_recon_ros.doctor.cameras import source
 from uw_recon_ros.doctor.finding import Finding, Level, fail, ok
 from uw_recon_ros.doctor.observation import CameraNumbers, Observation, Topic
 from uw_recon_ros.doctor.suggestions import same_elsewhere, says_eye
 from uw_recon_ros.doctor.topic_graph import METRIC_CLOUD, TYPES, UNSCALED_CLOUD
 from uw_recon_ros.errors import CalibrationError
-from uw_recon_ros.rectify.stereo_info import has_baseline, stereo_axis
 from uw_recon_ros.topics import SIDES
-from uw_recon_ros.types import StereoCalibration
+from uw_recon_ros.types import CameraModel, StereoCalibration
 
 _STAGE = "calibration"
 _CALIBRATE = "calibrate the rig in water (camera_calibration), or set baseline_m and focal_px"
@@ -31,14 +31,15 @@ def _no_scale(seen: Observation, text: str, advice: str = _CALIBRATE) -> Finding
     return Finding(Level.OK if came else Level.WARN, _STAGE, text, "" if came else advice)
 
 
-def _camera(eye: str, info: CameraNumbers) -> object:
+def _camera(eye: str, info: CameraNumbers) -> CameraModel:
     try:
-        return make_camera(
+        camera = make_camera(
             width=info.width, height=info.height, k=info.k, d=info.d, r=info.r, p=info.p,
             distortion_model=info.distortion_model,
         )  # fmt: skip
+        return as_imaged(camera, info.binning, info.roi)
     except CalibrationError as error:
-        raise CalibrationError(f"{eye} {error}") from error
+        raise CalibrationError(f"{eye} {error}", error.code) from error
 
 
 def _numbers(seen: Observation) -> Finding:
@@ -48,24 +49,27 @@ def _numbers(seen: Observation) -> Finding:
     if zero:
         return _no_scale(seen, f"{' and '.join(zero)}: K is zero (not calibrated)")
     size = source(seen, "left").arrivals
-    if size.width and (left.width, left.height) != (size.width, size.height):
-        return fail(
-            _STAGE,
-            f"the calibration is for {left.width}x{left.height}, the images are {size.width}x{size.height}",
-            "calibrate at the resolution used, or set the cameras to the calibrated one",
-        )
     try:
-        calibration = StereoCalibration(_camera("left", left), _camera("right", right))  # type: ignore[arg-type]
+        calibration = StereoCalibration(_camera("left", left), _camera("right", right))
         if not has_baseline(calibration):
             return _no_scale(
                 seen,
                 "right P has no baseline (P[3] = P[7] = 0): two single calibrations, not a stereo one",
                 "calibrate both cameras together (camera_calibration with two cameras), so that P[3] = -fx B",
             )
-        axis, baseline = stereo_axis(calibration)
+        judgement = judge_calibration(calibration, (size.width, size.height) if size.width else None)
+        judgement.raise_refused()
     except CalibrationError as error:
         return fail(_STAGE, f"inconsistent calibration: {error}", "calibrate anew, or mend the camera_info files")
-    return ok(_STAGE, f"{axis} rig, baseline {abs(baseline):.3f} m, {left.width}x{left.height}")
+    if judgement.findings:
+        return Finding(
+            Level.WARN, _STAGE, f"doubtful calibration: {judgement.findings[0].text}", judgement.findings[0].advice
+        )
+    return ok(
+        _STAGE,
+        f"{judgement.axis} rig, baseline {abs(judgement.baseline_m):.3f} m, "
+        f"{calibration.left.width}x{calibration.left.height}",
+    )
 
 
 def _missing(seen: Observation, eyes: list[str]) -> Finding:

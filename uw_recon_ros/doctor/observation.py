@@ -131,6 +131,8 @@ class CameraNumbers:
     r: tuple[float, ...]
     p: tuple[float, ...]
     distortion_model: str = "plumb_bob"
+    binning: tuple[int, int] = (0, 0)
+    roi: tuple[int, int, int, int] = (0, 0, 0, 0)
 
 
 @dataclass(frozen=True)

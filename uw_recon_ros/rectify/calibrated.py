@@ -13,7 +13,7 @@ from uw_recon_ros.rectify.params import RectifyParams
 from uw_recon_ros.rectify.rectification import Rectification, behind, exchanged
 from uw_recon_ros.rectify.refraction_check import port_index
 from uw_recon_ros.rectify.rows import RowAgreement, not_checked
-from uw_recon_ros.rectify.stereo_info import stereo_axis
+from uw_recon_ros.rectify.stereo_info import judged_rig
 from uw_recon_ros.rectify.tie_points import TiePoints
 from uw_recon_ros.rectify.views import View
 from uw_recon_ros.rectify.warp import inner_windows, make_canvas
@@ -106,7 +106,7 @@ def judged(rectification: Rectification, tie_points: TiePoints, params: RectifyP
         row_error_median_px=rows.median_px,
         row_error_p95_px=rows.p95_px,
         inliers=len(tie_points),
-        warnings=_warnings(rectification, tie_points, rows, params),
+        warnings=_of_calibration(rectification) + _warnings(rectification, tie_points, rows, params),
     )
     geometry = rectification.geometry
     return replace(rectification, quality=quality, geometry=geometry.unscaled if rows.withheld(params) else geometry)
@@ -116,7 +116,7 @@ def _warnings(
     rectification: Rectification, tie_points: TiePoints, rows: RowAgreement, params: RectifyParams
 ) -> tuple[Finding, ...]:
     findings = rows.findings(params)
-    if not rows.unreliable(params):
+    if _of_calibration(rectification) or not rows.unreliable(params):  # a wrong resolution looks like water
         return findings
     found = port_index(tie_points, rectification.left, rectification.right, rectification.geometry.axis)
     if found is None or not found.water:
@@ -132,7 +132,20 @@ def _warnings(
 
 def unjudged(rectification: Rectification, why: str) -> Rectification:
     """The same rectification, marked as one that nothing could be measured on."""
-    return rectification.with_quality(replace(rectification.quality, warnings=(not_checked(why),)))
+    return rectification.with_quality(
+        replace(rectification.quality, warnings=(*_of_calibration(rectification), not_checked(why)))
+    )
+
+
+def _marked(rectification: Rectification, findings: tuple[Finding, ...]) -> Rectification:
+    """The rectification with what the judge of calibrations found."""
+    quality = rectification.quality
+    return rectification.with_quality(replace(quality, warnings=quality.warnings + findings))
+
+
+def _of_calibration(rectification: Rectification) -> tuple[Finding, ...]:
+    """What stays true of every pair: the calibration's findings."""
+    return tuple(f for f in rectification.quality.warnings if f.code.value.startswith("calibration."))
 
 
 def rectification_from_calibration(
@@ -160,11 +173,13 @@ def rectification_from_calibration(
     EstimationError
         The tie points say that the eyes are exchanged.
     """
-    axis, baseline = stereo_axis(calibration)
+    judgement = judged_rig(calibration)
+    axis, baseline = judgement.axis, judgement.baseline_m
     size = calibration.left.width, calibration.left.height
     left, right = View.of_camera(calibration.left), View.of_camera(calibration.right)
     if left.identity and right.identity:
         rectification = _as_given(left, right, size, _geometry(left, right, axis, baseline))
     else:
         rectification = _warped((left, right), size, lambda le, ri: _geometry(le, ri, axis, baseline), params)
+    rectification = _marked(rectification, judgement.findings)
     return rectification if tie_points is None else judged(rectification, tie_points, params)

@@ -12,14 +12,13 @@ import numpy as np
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
 
+from uw_recon_ros.calibration.judge import SAME_FOCAL, SAME_ROW_PX, Judgement, is_rotation, judge_baseline
 from uw_recon_ros.errors import CalibrationError
 from uw_recon_ros.messages.cameras import rectified_cameras
 from uw_recon_ros.ros.messages import camera_info_message
 from uw_recon_ros.types import Axis, Matrix, StereoGeometry, Window
 
-_ALIKE = 1e-3  # relative difference of focal lengths that counts as equal
-_LARGEST_PX, _LARGEST_M = 1e7, 1e6  # what a focal length, a principal point, a baseline may be
-_SAME_ROW_PX = 0.5  # difference of the principal points across the baseline that counts as equal
+_LARGEST_PX = 1e7  # what a focal length or a principal point may be
 
 
 def infos_from_geometry(geometry: StereoGeometry, size: tuple[int, int], head: Header) -> tuple[CameraInfo, CameraInfo]:
@@ -47,7 +46,7 @@ def geometry_from_infos(left: CameraInfo, right: CameraInfo) -> StereoGeometry:
     _check_alike(p_left, p_right)
     axis, shift = _axis_and_shift(p_left, p_right)
     along, across = (0, 1) if axis == "horizontal" else (1, 0)
-    if abs(p_left[across, 2] - p_right[across, 2]) > _SAME_ROW_PX:
+    if abs(p_left[across, 2] - p_right[across, 2]) > SAME_ROW_PX:
         raise CalibrationError(
             f"rectified camera_info: expected one principal point across the {axis} baseline in both views, "
             f"got {p_left[across, 2]:g} and {p_right[across, 2]:g} px"
@@ -56,6 +55,8 @@ def geometry_from_infos(left: CameraInfo, right: CameraInfo) -> StereoGeometry:
         raise CalibrationError(f"rectified right camera_info: P[3]: expected < 0, got {shift:g} (exchanged eyes?)")
     focal = float(p_left[along, along])
     unknown = math.isnan(shift) or shift == 0.0
+    if not unknown:
+        Judgement(judge_baseline(-shift / focal)).raise_refused()
     return StereoGeometry(
         focal_px=focal,
         cx_left=float(p_left[along, 2]),
@@ -84,7 +85,7 @@ def _projection(eye: str, info: CameraInfo) -> Matrix:
 def _check_alike(left: Matrix, right: Matrix) -> None:
     for axis in (0, 1):
         a, b = left[axis, axis], right[axis, axis]
-        if abs(a - b) > _ALIKE * a:
+        if abs(a - b) > SAME_FOCAL * a:
             raise CalibrationError(f"rectified camera_info: expected equal focal lengths in P, got {a:g} and {b:g} px")
 
 
@@ -95,7 +96,7 @@ def _axis_and_shift(left: Matrix, right: Matrix) -> tuple[Axis, float]:
         axis, shift, other = "vertical", y, x
     else:
         axis, shift, other = "horizontal", x, y
-    if not math.isnan(shift) and (abs(shift) > _LARGEST_M * left[0, 0] or abs(other) > _ALIKE * abs(shift)):
+    if not math.isnan(shift) and (math.isinf(shift) or abs(other) > SAME_FOCAL * abs(shift)):
         raise CalibrationError(
             f"rectified camera_info: expected a horizontal or a vertical baseline, got P[3] = {x:g}, P[7] = {y:g}"
         )
@@ -106,9 +107,7 @@ def _rotation(info: CameraInfo) -> tuple[tuple[float, ...], ...]:
     r = np.asarray(info.r, np.float64).reshape(3, 3)
     if not r.any():  # a field left alone
         r = np.eye(3)
-    with np.errstate(over="ignore", invalid="ignore"):
-        rotates = bool(np.abs(r @ r.T - np.eye(3)).max() <= _ALIKE and np.linalg.det(r) > 0)  # NaN compares as false
-    if not rotates:
+    if not is_rotation(r):
         raise CalibrationError(f"rectified left camera_info: expected a rotation in R, got {r.ravel().tolist()}")
     return tuple(tuple(float(x) for x in row) for row in r)
 

@@ -79,7 +79,8 @@ def camera_numbers(info: Any) -> CameraNumbers:
     """Take the numbers out of a CameraInfo."""
     return CameraNumbers(
         info.width, info.height, tuple(map(float, info.k)), tuple(map(float, info.d)), tuple(map(float, info.r)),
-        tuple(map(float, info.p)), info.distortion_model,
+        tuple(map(float, info.p)), info.distortion_model, (info.binning_x, info.binning_y),
+        (info.roi.x_offset, info.roi.y_offset, info.roi.width, info.roi.height),
     )  # fmt: skip
 
 
