@@ -104,6 +104,8 @@ class CameraModel:
         ``plumb_bob``, ``rational_polynomial`` or ``equidistant``.
     frame_id : str
         Optical frame of the raw camera.
+    binning : (x, y)
+        Already applied to the numbers above; worth saying where they do not fit the images.
     """
 
     width: int
@@ -114,6 +116,7 @@ class CameraModel:
     p: Matrix
     distortion_model: str = "plumb_bob"
     frame_id: str = ""
+    binning: tuple[int, int] = (1, 1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -215,7 +215,7 @@ def test_a_calibration_that_changes_is_followed(tmp_path: Path) -> None:
     assert "CameraInfo changes 1 times" in bag_info(tmp_path / "bag").warnings
 
 
-def test_empty_and_rectified_topics_are_not_the_eyes() -> None:
+def test_empty_and_derived_topics_are_not_the_eyes() -> None:
     def topics(*names: str, count: int = 5, kind: str = "Image") -> list[TopicInfo]:
         return [
             TopicInfo(f"/{eye}/{name}", f"sensor_msgs/msg/{kind}", count) for name in names for eye in ("left", "right")
@@ -228,7 +228,9 @@ def test_empty_and_rectified_topics_are_not_the_eyes() -> None:
     infos = [TopicInfo(f"/{eye}/camera_info", "sensor_msgs/msg/CameraInfo", 5) for eye in ("left", "right")]
     found = find_stereo_topics(compressed + infos)
     assert (found.left_info, found.right_info) == ("/left/camera_info", "/right/camera_info")
-    for name in ("image_rect", "depth/image", "image_rect_color"):
+    assert find_stereo_topics(topics("image_rect") + topics("image_color")).left == "/left/image_color"
+    assert find_stereo_topics(topics("image_rect_color")).left == "/left/image_rect_color"
+    for name in ("depth/image", "matching/image", "disparity"):
         with pytest.raises(BagError, match="no stereo pair"):
             find_stereo_topics(topics(name))
 

@@ -211,7 +211,7 @@ def test_sizes_must_agree(frames):
     with pytest.raises(ImageError, match="right image: expected 320x240 px as the left one, got 320x200"):
         RigTracker(PARAMS).update(enhanced(frames[0].left, frames[0].right[:200]))
     other = calibration_of(make_rig())
-    with pytest.raises(CalibrationError, match="images of 320x240 px, got one for 640x480"):
+    with pytest.raises(CalibrationError, match="expected 320x240 px as the images, got 640x480"):
         RigTracker(PARAMS).update(with_calibration(frames[0], other))
 
 

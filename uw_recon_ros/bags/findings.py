@@ -33,6 +33,8 @@ class EyeInfo:
         Images of another size or encoding than the first.
     problem : str
         Why the first image cannot be decoded; empty when it can.
+    rectified : bool
+        Whether the images come rectified already, so that P alone describes them.
     """
 
     topic: str
@@ -44,6 +46,7 @@ class EyeInfo:
     height: int = 0
     odd: int = 0
     problem: str = ""
+    rectified: bool = False
 
     @property
     def backwards(self) -> int:
@@ -128,7 +131,9 @@ class BagInfo:
             yield f"  {topic.name:{width}}  {topic.count:6d}  {topic.type}"
         for name, eye in (("left", self.left), ("right", self.right)):
             if eye is not None:
-                yield f"{name}: {eye.topic}, {len(eye.stamps_ns)} images {eye.width}x{eye.height} {eye.encoding}"
+                yield f"{name}: {eye.topic}, {len(eye.stamps_ns)} images {eye.width}x{eye.height} {eye.encoding}" + (
+                    ", already rectified: described by P alone" if eye.rectified else ""
+                )
         if self.left is not None:
             yield f"pairs: {self.pairs} at {self.rate_hz:.2f} Hz, longest gap {self.largest_gap_s:.2f} s"
             scale = f", baseline {self.baseline_m:.4f} m" if self.calibration == "metric" else ""

@@ -26,6 +26,7 @@ def bag_info(
     right: str | None = None,
     *,
     tolerance_ns: int = _TOLERANCE_NS,
+    images_rectified: str = "auto",
 ) -> BagInfo:
     """Read a whole bag and judge it.
 
@@ -36,6 +37,8 @@ def bag_info(
         Image topics; None = found by type and name.
     tolerance_ns : int
         Largest difference of stamps within a pair, ns.
+    images_rectified : {'auto', 'yes', 'no'}
+        Whether the images come rectified; auto: by the names of their topics.
 
     Raises
     ------
@@ -49,7 +52,7 @@ def bag_info(
             if left or right:
                 raise
             return _without_pairs(bag, str(error))
-        return _inspect(bag, topics, tolerance_ns)
+        return _inspect(bag, topics, tolerance_ns, topics.rectified(images_rectified))
 
 
 def _without_pairs(bag: BagReader, reason: str) -> BagInfo:
@@ -59,9 +62,12 @@ def _without_pairs(bag: BagReader, reason: str) -> BagInfo:
     return BagInfo(str(bag.path), bag.start_ns, bag.end_ns, tuple(bag.topics), damage=damage, reasons=(reason,))
 
 
-def _inspect(bag: BagReader, topics: StereoTopics, tolerance_ns: int) -> BagInfo:
-    eyes = EyeInfo(topics.left, topics.left_info), EyeInfo(topics.right, topics.right_info)
-    infos = CameraInfoCache(), CameraInfoCache()
+def _inspect(bag: BagReader, topics: StereoTopics, tolerance_ns: int, rectified: tuple[bool, bool]) -> BagInfo:
+    eyes = (
+        EyeInfo(topics.left, topics.left_info, rectified=rectified[0]),
+        EyeInfo(topics.right, topics.right_info, rectified=rectified[1]),
+    )
+    infos = CameraInfoCache(rectified[0]), CameraInfoCache(rectified[1])
     takers: dict[str, Callable[[RawMessage], None]] = {}
     for eye, cache in zip(eyes, infos, strict=True):
         takers[eye.topic] = _image_taker(eye)

@@ -17,6 +17,7 @@ from uw_recon_ros.bags.merge import merge_by_time
 from uw_recon_ros.bags.model import RawMessage, TopicInfo, add_note, merge_topics
 from uw_recon_ros.bags.stereo import CameraInfoCache, StereoTopics, find_stereo_topics, make_pair, pair_messages
 from uw_recon_ros.bounds import unpacked_limit
+from uw_recon_ros.calibration.rectified import rig_as_imaged
 from uw_recon_ros.errors import BagError, ReconError
 from uw_recon_ros.system_errors import told_as
 from uw_recon_ros.types import FloatImage, StereoCalibration, StereoPair
@@ -112,6 +113,7 @@ class BagReader:
         *,
         tolerance_ns: int = 0,
         calibration: StereoCalibration | None = None,
+        images_rectified: str = "auto",
     ) -> Iterator[StereoPair]:
         """Decoded pairs in the order of time, paired by header stamp as the nodes pair them.
 
@@ -125,6 +127,8 @@ class BagReader:
             Largest difference of stamps within a pair, ns.
         calibration : StereoCalibration or None
             Instead of what the bag's CameraInfo says.
+        images_rectified : {'auto', 'yes', 'no'}
+            Whether the images come rectified; auto: by the names of their topics.
 
         Raises
         ------
@@ -132,10 +136,12 @@ class BagReader:
             The bag has no two image topics that fit.
         """
         topics = self.stereo_topics(left, right)
-        infos = self._first_infos(topics)
+        rectified = topics.rectified(images_rectified)
+        infos = self._first_infos(topics, rectified)
         wanted = [name for name in (topics.left, topics.right, topics.left_info, topics.right_info) if name]
         pairs = pair_messages(self.raw_messages(wanted), topics, tolerance_ns, self.note, infos)
-        return self._decoded_pairs(pairs, infos, calibration)
+        given = rig_as_imaged(calibration, rectified) if calibration else None
+        return self._decoded_pairs(pairs, infos, given)
 
     def depth_images(self, topic: str = "/truth/depth") -> Iterator[tuple[int, FloatImage]]:
         """Stamp (ns) and depth (m, NaN = invalid) of each image of a depth topic; unreadable ones go to `damage`."""
@@ -147,9 +153,11 @@ class BagReader:
             else:
                 yield messages.stamp_ns(decoded), depth
 
-    def _first_infos(self, topics: StereoTopics) -> tuple[CameraInfoCache, CameraInfoCache]:
+    def _first_infos(
+        self, topics: StereoTopics, rectified: tuple[bool, bool]
+    ) -> tuple[CameraInfoCache, CameraInfoCache]:
         """What the first CameraInfo of either eye says: it is recorded after the image it belongs to, most often."""
-        caches = CameraInfoCache(), CameraInfoCache()
+        caches = CameraInfoCache(rectified[0]), CameraInfoCache(rectified[1])
         for name, cache in zip((topics.left_info, topics.right_info), caches, strict=True):
             first = next(self.raw_messages([name]), None) if name else None
             if first is not None:

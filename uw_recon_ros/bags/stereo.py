@@ -11,6 +11,7 @@ from uw_recon_ros.bags import messages
 from uw_recon_ros.bags.messages import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE
 from uw_recon_ros.bags.model import RawMessage, TopicInfo
 from uw_recon_ros.calibration import camera_from_info
+from uw_recon_ros.calibration.rectified import as_rectified, came_rectified, named_rectified
 from uw_recon_ros.errors import BagError, CalibrationError, ImageError, ReconError
 from uw_recon_ros.pairing import Synchronizer
 from uw_recon_ros.types import CameraModel, StereoCalibration, StereoPair
@@ -24,7 +25,7 @@ _EYES = (
     ("cam_0", "cam_1"),
     ("l", "r"),
 )
-_NOT_RAW = re.compile(r"rect|depth|disparity|truth|enhanced|matching|mask|status|sigma|debug|theora|h264")
+_NOT_RAW = re.compile(r"depth|disparity|truth|enhanced|matching|mask|status|sigma|debug|theora|h264")
 _PREFERRED = ("image_raw", "image", "image_color", "image_mono")
 
 
@@ -37,6 +38,10 @@ class StereoTopics:
     left_info: str | None
     right_info: str | None
 
+    def rectified(self, told: str) -> tuple[bool, bool]:
+        """Whether the left and the right images come rectified, as ``images_rectified`` and their names tell."""
+        return came_rectified(told, self.left), came_rectified(told, self.right)
+
 
 def _other_eye(name: str) -> str | None:
     """The right eye's topic name for a left one's."""
@@ -47,12 +52,12 @@ def _other_eye(name: str) -> str | None:
     return None
 
 
-def _rank(topic: TopicInfo) -> tuple[bool, bool, int, str]:
-    """Least is best: has messages, not compressed, a usual name."""
+def _rank(topic: TopicInfo) -> tuple[bool, bool, bool, int, str]:
+    """Least is best: has messages, raw, not compressed, a usual name."""
     base = _image_base(topic)
     last = base.rsplit("/", 1)[-1]
     usual = _PREFERRED.index(last) if last in _PREFERRED else len(_PREFERRED)
-    return topic.count == 0, topic.type == COMPRESSED_IMAGE, usual, topic.name
+    return topic.count == 0, named_rectified(topic.name), topic.type == COMPRESSED_IMAGE, usual, topic.name
 
 
 def _image_base(topic: TopicInfo) -> str:
@@ -111,6 +116,11 @@ def _fit(left: TopicInfo, right: TopicInfo) -> bool:
 class CameraInfoCache:
     """The camera a stream of CameraInfo messages describes, decoded again only when it changes.
 
+    Parameters
+    ----------
+    rectified : bool
+        Whether the images beside it come rectified.
+
     Attributes
     ----------
     camera : CameraModel or None
@@ -121,7 +131,8 @@ class CameraInfoCache:
         How often the content changed; -1 before the first message.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, rectified: bool = False) -> None:
+        self._rectified = rectified
         self.camera: CameraModel | None = None
         self.problem: CalibrationError | None = None
         self.changes = -1
@@ -141,7 +152,8 @@ class CameraInfoCache:
         self.changes += 1
         self.camera = self.problem = None
         try:
-            self.camera = camera_from_info(messages.decode(message))
+            camera = camera_from_info(messages.decode(message))
+            self.camera = as_rectified(camera) if self._rectified else camera
         except CalibrationError as error:
             self.problem = error
 

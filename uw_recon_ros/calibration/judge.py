@@ -16,8 +16,12 @@ from uw_recon_ros.types import Axis, CameraModel, Matrix, StereoCalibration
 BASELINE_RANGE_M = (0.005, 5.0)
 #: Median depth over baseline. Nearer than 1, views hardly overlap; farther than 2000, disparities are under a pixel.
 DEPTH_RANGE_BASELINES = (1.0, 2000.0)
+#: Distortion models, and how many coefficients each may have.
+DISTORTION_COUNTS = {"plumb_bob": (4, 5), "rational_polynomial": (8, 12, 14), "equidistant": (4,)}
 SAME_FOCAL = 1e-3  #: relative difference of the focal lengths of both P that counts as equal
-SAME_ROW_PX = 0.1  #: difference of the principal points across the baseline that counts as equal
+#: Difference of the principal points across the baseline that counts as equal: what roundings of P leave; what the
+#: images make of it, the rows of tie points tell.
+SAME_ROW_PX = 0.5
 
 _ROTATION = 1e-3  # largest element of R R^T - I
 _SCALED = 1.25  # K and P whose focal length and centre differ by one factor beyond this are of two resolutions
@@ -118,7 +122,7 @@ def _of_camera(side: str, camera: CameraModel, image_size: tuple[int, int] | Non
     size = camera.width, camera.height
     if image_size is not None and size != image_size:
         text = f"{side} calibration: expected {image_size[0]}x{image_size[1]} px as the images, got {size[0]}x{size[1]}"
-        yield _refused(Code.CALIBRATION_SIZE_DIFFERS, text, "calibrate at the resolution used")
+        yield _refused(Code.CALIBRATION_SIZE_DIFFERS, text + _binned(camera), "calibrate at the resolution used")
     if not is_rotation(camera.r):
         yield _refused(Code.CALIBRATION_NOT_A_ROTATION, f"{side} R: expected a rotation, got {camera.r.tolist()}")
     if abs(camera.p[0, 1]) > 1e-6 * camera.p[0, 0] or camera.p[1, 0] or camera.p[2].tolist() != [0, 0, 1, 0]:
@@ -126,6 +130,13 @@ def _of_camera(side: str, camera: CameraModel, image_size: tuple[int, int] | Non
         yield _refused(Code.CALIBRATION_PROJECTION, text)
     yield from _resolution(side, camera)
     yield from _lens(side, camera)
+
+
+def _binned(camera: CameraModel) -> str:
+    if camera.binning == (1, 1):
+        return ""
+    x, y = camera.binning
+    return f" (width and height of the full sensor, by REP 104, divided by its binning_x {x} and binning_y {y})"
 
 
 def _resolution(side: str, camera: CameraModel) -> Iterator[Finding]:
@@ -158,6 +169,11 @@ def _one_factor(factors: Matrix, beyond: float) -> bool:
 
 
 def _lens(side: str, camera: CameraModel) -> Iterator[Finding]:
+    if camera.distortion_model not in DISTORTION_COUNTS:
+        if camera.d.any():
+            text = f"{side} distortion_model: expected one of {', '.join(DISTORTION_COUNTS)}"
+            yield _refused(Code.CALIBRATION_UNKNOWN_MODEL, f"{text}, got {ascii(camera.distortion_model)[:100]}")
+        return
     if camera.distortion_model == "equidistant" and camera.d[0] < _ORTHOGRAPHIC:
         text = f"{side} D: expected k1 > {_ORTHOGRAPHIC:.2f} of an equidistant lens, got {camera.d[0]:g}"
         advice = "are these plumb_bob's numbers?"

@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from uw_recon_ros.calibration.judge import is_rotation
+from uw_recon_ros.calibration.judge import DISTORTION_COUNTS, is_rotation
 from uw_recon_ros.errors import CalibrationError
 from uw_recon_ros.findings import Code
 from uw_recon_ros.types import CameraModel, Matrix
 
-_DISTORTION_COUNTS = {"plumb_bob": (4, 5), "rational_polynomial": (8, 12, 14), "equidistant": (4,)}
 _LARGEST = 1e9  # px, or px m: what a number of K or P may be
 
 
@@ -99,15 +98,15 @@ def _distortion(values: Any, model: str) -> Matrix:
         )
     model = model or "plumb_bob"
     if not coefficients.size or not coefficients.any():
-        return np.zeros(_DISTORTION_COUNTS.get(model, (5,))[-1])
-    if model not in _DISTORTION_COUNTS:
+        return np.zeros(DISTORTION_COUNTS.get(model, (5,))[-1])
+    if model not in DISTORTION_COUNTS:
         raise CalibrationError(
-            f"distortion_model: expected one of {', '.join(_DISTORTION_COUNTS)}, got {short(model)}",
+            f"distortion_model: expected one of {', '.join(DISTORTION_COUNTS)}, got {short(model)}",
             Code.CALIBRATION_UNKNOWN_MODEL,
         )
-    if coefficients.size not in _DISTORTION_COUNTS[model] or not np.isfinite(coefficients).all():
+    if coefficients.size not in DISTORTION_COUNTS[model] or not np.isfinite(coefficients).all():
         raise CalibrationError(
-            f"D: expected {' or '.join(map(str, _DISTORTION_COUNTS[model]))} finite numbers for {model}, "
+            f"D: expected {' or '.join(map(str, DISTORTION_COUNTS[model]))} finite numbers for {model}, "
             f"got {coefficients.size}: {short(coefficients.tolist())}",
             Code.CALIBRATION_DISTORTION,
         )
@@ -148,4 +147,7 @@ def as_imaged(camera: CameraModel, binning: tuple[int, int], roi: tuple[int, int
         )
     to_image = np.array([[1 / step[0], 0, -x / step[0]], [0, 1 / step[1], -y / step[1]], [0, 0, 1]])
     size = int(width // step[0]), int(height // step[1])
-    return replace(camera, width=size[0], height=size[1], k=to_image @ camera.k, p=to_image @ camera.p)
+    return replace(
+        camera, width=size[0], height=size[1], k=to_image @ camera.k, p=to_image @ camera.p,
+        binning=(int(step[0]), int(step[1])),
+    )  # fmt: skip

@@ -23,6 +23,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--pair-tolerance-ms", type=float, default=PAIR_TOLERANCE_MS, metavar="MS",
         help="largest difference of stamps within a pair, as for survey (default %(default)s)",
     )  # fmt: skip
+    parser.add_argument("--left-topic", metavar="TOPIC", help="left images (default: found by type and name)")
+    parser.add_argument("--right-topic", metavar="TOPIC", help="right images (default: found by type and name)")
+    parser.add_argument(
+        "--images-rectified", choices=("auto", "yes", "no"), default="auto",
+        help="whether the images come rectified already (default: by their topics' names)",
+    )  # fmt: skip
 
 
 def run(args: argparse.Namespace) -> int:
@@ -33,6 +39,9 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(
             f"--pair-tolerance-ms: expected 0 to {_LARGEST_TOLERANCE_MS:g}, got {args.pair_tolerance_ms:g}"
         )
-    found = bag_info(args.bag, tolerance_ns=round(args.pair_tolerance_ms * 1e6))
+    found = bag_info(
+        args.bag, args.left_topic, args.right_topic, tolerance_ns=round(args.pair_tolerance_ms * 1e6),
+        images_rectified=args.images_rectified,
+    )  # fmt: skip
     sys.stdout.write(f"{json.dumps(found.as_dict(), allow_nan=False) if args.json else found}\n")
     return OK if found.reconstructable else FAILED

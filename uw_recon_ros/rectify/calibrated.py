@@ -149,7 +149,10 @@ def _of_calibration(rectification: Rectification) -> tuple[Finding, ...]:
 
 
 def rectification_from_calibration(
-    calibration: StereoCalibration, params: RectifyParams, tie_points: TiePoints | None = None
+    calibration: StereoCalibration,
+    params: RectifyParams,
+    tie_points: TiePoints | None = None,
+    image_size: tuple[int, int] | None = None,
 ) -> Rectification:
     """Rectify as ``CameraInfo`` says: R and P of both cameras, distortion included.
 
@@ -160,6 +163,8 @@ def rectification_from_calibration(
     params : RectifyParams
     tie_points : TiePoints or None
         To measure the row error on, and to notice exchanged eyes or a calibration made in air.
+    image_size : (width, height) or None
+        Of the images, px, which the calibration must be for; None: not known here.
 
     Returns
     -------
@@ -173,7 +178,7 @@ def rectification_from_calibration(
     EstimationError
         The tie points say that the eyes are exchanged.
     """
-    judgement = judged_rig(calibration)
+    judgement = judged_rig(calibration, image_size)
     axis, baseline = judgement.axis, judgement.baseline_m
     size = calibration.left.width, calibration.left.height
     left, right = View.of_camera(calibration.left), View.of_camera(calibration.right)

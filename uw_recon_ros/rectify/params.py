@@ -16,6 +16,12 @@ class RectifyParams(Params):
         "Use the CameraInfo of the pair where it describes a stereo rig, require it, or ignore it.",
         choices=("auto", "require", "ignore"),
     )
+    images_rectified: str = param(
+        "auto",
+        "Whether the images come rectified, so that P alone describes them; auto: by the name of their topic "
+        "(image_rect, image_rect_color, ...), and no for files.",
+        choices=("auto", "yes", "no"),
+    )
     rig_axis: str = param(
         "auto",
         "How the cameras of an uncalibrated rig stand: side by side, one above the other, or found from the images.",

@@ -9,15 +9,15 @@ from uw_recon_ros.types import StereoCalibration
 __all__ = ["has_baseline", "judged_rig"]
 
 
-def judged_rig(calibration: StereoCalibration) -> Judgement:
-    """Judge a calibration that images are to be rectified by.
+def judged_rig(calibration: StereoCalibration, image_size: tuple[int, int] | None = None) -> Judgement:
+    """Judge a calibration that images, of `image_size` (width, height) px where that is known, are rectified by.
 
     Raises
     ------
     CalibrationError
         It is refused, or describes two single cameras; the text says why, the code tells programs.
     """
-    judgement = judge_calibration(calibration)
+    judgement = judge_calibration(calibration, image_size)
     judgement.raise_refused()
     if not has_baseline(calibration):
         raise CalibrationError(str(judgement.findings[0]), judgement.findings[0].code)

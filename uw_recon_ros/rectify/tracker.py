@@ -6,6 +6,7 @@ from collections import deque
 from dataclasses import replace
 from typing import Protocol
 
+from uw_recon_ros.calibration.rectified import came_rectified, rig_as_imaged
 from uw_recon_ros.errors import CalibrationError, EstimationError, ImageError
 from uw_recon_ros.findings import Code, Finding
 from uw_recon_ros.rectify.calibrated import judged, rectification_from_calibration, unjudged
@@ -41,9 +42,10 @@ def _watched(pair: EnhancedPair, params: RectifyParams) -> TiePoints:
 class _CalibratedRig:
     """The calibration's rectification, its row error measured now and then."""
 
-    def __init__(self, calibration: StereoCalibration, params: RectifyParams) -> None:
+    def __init__(self, calibration: StereoCalibration, params: RectifyParams, image_size: tuple[int, int]) -> None:
         self._params = params
-        self._given = replace(rectification_from_calibration(calibration, params), locked=True)
+        given = rectification_from_calibration(calibration, params, image_size=image_size)
+        self._given = replace(given, locked=True)
         self._rectification = self._given
         self._frames: deque[TiePoints] = deque(maxlen=_WATCHED_FRAMES)
         self._until_watch = 0
@@ -229,15 +231,11 @@ class RigTracker:
             raise CalibrationError("calibration: expected one (calibration_use = require), got none")
         if calibration is None or use == "ignore" or (use == "auto" and not has_baseline(calibration)):
             return None
-        if (calibration.left.width, calibration.left.height) != (width, height):
-            raise CalibrationError(
-                f"calibration: expected one for images of {width}x{height} px, got one for "
-                f"{calibration.left.width}x{calibration.left.height}"
-            )
-        return calibration
+        rectified = came_rectified(self.params.images_rectified)
+        return rig_as_imaged(calibration, (rectified, rectified))
 
     def _start(self, pair: EnhancedPair, calibration: StereoCalibration | None) -> _Rig:
         if calibration is not None:
-            return _CalibratedRig(calibration, self.params)
+            return _CalibratedRig(calibration, self.params, (pair.left.shape[1], pair.left.shape[0]))
         ignored = pair.calibration is not None and self.params.calibration_use != "ignore"
         return _UncalibratedRig(self.params, (_NO_BASELINE,) if ignored else ())

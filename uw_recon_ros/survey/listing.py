@@ -38,7 +38,12 @@ class Listing:
     pairs: int = 0
 
 
-def list_frames(sources: list[Source], params: SurveyParams, given: StereoCalibration | None = None) -> Listing:
+def list_frames(
+    sources: list[Source],
+    params: SurveyParams,
+    given: StereoCalibration | None = None,
+    images_rectified: str = "auto",
+) -> Listing:
     """Find the pairs of all sources and choose those asked for.
 
     Parameters
@@ -47,13 +52,14 @@ def list_frames(sources: list[Source], params: SurveyParams, given: StereoCalibr
     params : SurveyParams
     given : StereoCalibration, optional
         Instead of what the recordings say.
+    images_rectified : {'auto', 'yes', 'no'}
 
     Raises
     ------
     BagError
         There is no pair at all, or none is chosen; the text says why.
     """
-    listing, rigs = Listing(), Rigs(given)
+    listing, rigs = Listing(), Rigs(given, images_rectified)
     for index, source in enumerate(sources):
         try:
             found = _list_source(source, index, params, rigs, listing.notes)

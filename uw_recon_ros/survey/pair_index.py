@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from uw_recon_ros.bags import BagReader, RawMessage, StereoTopics
 from uw_recon_ros.bags.stereo import CameraInfoCache
+from uw_recon_ros.calibration.rectified import rig_as_imaged
 from uw_recon_ros.errors import BagError
 from uw_recon_ros.pairing import Synchronizer
 from uw_recon_ros.types import CameraModel, StereoCalibration
@@ -70,31 +71,39 @@ class Rigs:
     ----------
     given : StereoCalibration, optional
         Taken instead of any other.
+    images_rectified : {'auto', 'yes', 'no'}
+        Whether images come rectified already; auto: by the names of their topics.
 
     Attributes
     ----------
     calibrations : list of StereoCalibration
     """
 
-    def __init__(self, given: StereoCalibration | None = None) -> None:
+    def __init__(self, given: StereoCalibration | None = None, images_rectified: str = "auto") -> None:
+        self.images_rectified = images_rectified
         self.calibrations: list[StereoCalibration] = []
         self._given = given
         self._numbers: dict[_Key, int] = {}
-        self._last: tuple[StereoCalibration, int] | None = None
+        self._last: tuple[StereoCalibration, tuple[bool, bool], int] | None = None
 
-    def index(self, found: StereoCalibration | None) -> int:
-        """Number of a calibration; -1 for none."""
+    def index(self, found: StereoCalibration | None, rectified: tuple[bool, bool]) -> int:
+        """Number of the calibration of images that came rectified or not; -1 for none."""
         calibration = self._given or found
         if calibration is None:
             return -1
-        if self._last and self._last[0].left is calibration.left and self._last[0].right is calibration.right:
-            return self._last[1]
-        key = (*_key(calibration.left), *_key(calibration.right))
+        if self._last and self._last[1] == rectified and _same(self._last[0], calibration):
+            return self._last[2]
+        imaged = rig_as_imaged(calibration, rectified)
+        key = (*_key(imaged.left), *_key(imaged.right))
         if key not in self._numbers:
             self._numbers[key] = len(self.calibrations)
-            self.calibrations.append(calibration)
-        self._last = calibration, self._numbers[key]
+            self.calibrations.append(imaged)
+        self._last = calibration, rectified, self._numbers[key]
         return self._numbers[key]
+
+
+def _same(one: StereoCalibration, other: StereoCalibration) -> bool:
+    return one.left is other.left and one.right is other.right
 
 
 def _key(camera: CameraModel) -> _Key:
@@ -123,6 +132,7 @@ class Walk:
 
     def __init__(self, bag: BagReader, topics: StereoTopics, source: int, tolerance_ns: int, rigs: Rigs) -> None:
         self._bag, self._topics, self._source, self._rigs = bag, topics, source, rigs
+        self._rectified = topics.rectified(rigs.images_rectified)
         self._eyes = {topics.left: 0, topics.right: 1}
         self._infos = {topics.left_info: CameraInfoCache(), topics.right_info: CameraInfoCache()}
         self._synchronizer: Synchronizer[tuple[int, Place]] = Synchronizer(2, tolerance_ns)
@@ -177,7 +187,7 @@ class Walk:
 
     def _rig(self) -> int:
         left, right = (self._infos[n].camera for n in (self._topics.left_info, self._topics.right_info))
-        return self._rigs.index(StereoCalibration(left, right) if left and right else None)
+        return self._rigs.index(StereoCalibration(left, right) if left and right else None, self._rectified)
 
     def _watch_gap(self) -> None:
         if all(self._counts) and not self._pairs:
@@ -195,6 +205,8 @@ class Walk:
         """What is odd about the recording."""
         problems = dict.fromkeys(str(i.problem) for i in self._infos.values() if i.problem)
         notes = [f"camera_info not used: {problem}" for problem in problems]
+        if any(self._rectified):
+            notes.append("images already rectified: described by P alone (images_rectified: no, where they are not)")
         if self._shapeless:
             notes.append(f"{self._shapeless} image messages too short to have a stamp")
         for eye, count in zip(("left", "right"), self._counts, strict=True):

@@ -114,7 +114,8 @@ def _rectification(
         if isinstance(points, str):
             raise EstimationError(points)
         return estimate_rectification(points, params)
-    rectification = rectification_from_calibration(calibration, params)
+    size = None if isinstance(points, str) else (points.width, points.height)
+    rectification = rectification_from_calibration(calibration, params, image_size=size)
     if isinstance(points, str):
         return unjudged(rectification, points)
     return judged(rectification, points, params)

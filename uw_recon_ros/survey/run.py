@@ -68,7 +68,7 @@ def run_survey(request: Request, make_executor: Callable[[], Executor], teller: 
 
 def _list(request: Request, sources: list[Source], teller: Teller) -> Listing:
     given = read_calibration(request.calibration) if request.calibration else None
-    listing = list_frames(sources, request.survey, given)
+    listing = list_frames(sources, request.survey, given, request.pipeline.rectify.images_rectified)
     listing.frames, more = sort_rigs(listing.frames, listing.calibrations, request.pipeline.rectify)
     listing.notes += more
     for sentence in [*listing.unreadable, *listing.notes]:

@@ -12,6 +12,7 @@ from typing import Literal
 from uw_recon_ros.bags.files import natural_order
 from uw_recon_ros.bags.pack import find_images
 from uw_recon_ros.calibration import read_calibration
+from uw_recon_ros.calibration.rectified import came_rectified
 from uw_recon_ros.errors import BagError
 from uw_recon_ros.file_kinds import describe_file
 from uw_recon_ros.survey.pair_index import Rigs
@@ -38,7 +39,8 @@ def list_stills(
         raise BagError(f"{source.name}: expected the stills of both eyes in left/ and right/")
     left, right = (find_images(str(folder)) for folder in folders)
     rig_file = calibration_file(source)
-    rig = rigs.index(read_calibration(rig_file) if rig_file else None)
+    rectified = came_rectified(rigs.images_rectified)
+    rig = rigs.index(read_calibration(rig_file) if rig_file else None, (rectified, rectified))
     for rank, (one, other) in enumerate(_paired(source, left, right, notes)):
         if one and other:
             yield _FIRST_NS + round(rank * 1e9 / params.stills_rate), str(one), str(other), rig
