@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 SHELL := /bin/sh
 export NO_COLOR
 
-.PHONY: help demo test test-fast lint format bench bench-model docs bags warmup clean
+.PHONY: help demo test test-fast test-matrix lint format bench bench-model docs bags warmup clean
 
 help:  ## what can be made
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -20,6 +20,9 @@ test: $(VENV)/.ready  ## all tests
 
 test-fast: $(VENV)/.ready  ## tests without the slow ones and the process graph
 	$(BIN)/python -m pytest -n 2 -m "not slow and not graph"
+
+test-matrix: $(VENV)/.ready  ## the quick tests on every Python that is there (3.10 to 3.13; 3.14 resolved at least)
+	$(BIN)/python tools/test_matrix.py
 
 lint: $(VENV)/.ready  ## ruff and mypy --strict
 	$(BIN)/ruff check .
@@ -47,4 +50,4 @@ warmup: $(VENV)/.ready  ## compile the kernels now rather than at the first call
 	$(BIN)/uw_recon warmup
 
 clean:  ## remove what was made, the virtual environment included
-	rm -rf $(VENV) demo_out bench_out build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .matrix demo_out bench_out build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
