@@ -193,7 +193,7 @@ def test_an_error_nobody_foresaw_is_called_ours(
     monkeypatch.setattr(cli.info, "run", fail)
     for trace in (False, True):
         monkeypatch.setenv(system_errors.TRACEBACK, "1" if trace else "")
-        assert main(["info", "x"]) == 1
+        assert main(["info", "x"]) == cli.OUR_FAULT == 70
         told = capfd.readouterr().err
         assert "a fault of ours, not of your data (ValueError at test_doors.py:" in told
         assert "please report it" in told

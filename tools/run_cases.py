@@ -3,25 +3,23 @@
     python tools/run_cases.py ../shared/cases [--output cases_out] [--only 09-baseline-mm ...]
 
 A case is a folder with inputs and a README with a line ``command:``. Each runs in a copy of its folder, with ``base/``
-beside it, within a time and an amount of memory. Leaves ``cases.md`` and ``cases.json``. The judgement is as far as a
-program can go: the median depth of every case made from ``base/`` is known, and what a refusal should look like.
+beside it, within a time and an amount of memory. Leaves ``cases.md`` and ``cases.json``. Exit codes, the codes in
+``report.json`` and ``frames.csv``, and depth judge: the median depth of every case made from ``base/`` is known. Only
+whether a refusal is clear is judged by its words.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import csv
 import json
-import os
 import re
-import resource
 import shlex
 import shutil
-import signal
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -30,35 +28,54 @@ from typing import Any
 
 import cv2
 import numpy as np
+import psutil
 
+from uw_recon_ros.findings import Code
 from uw_recon_ros.progress import say
 
 TRUE_DEPTH_M = 1.256
 DEPTH_TOLERANCE = 0.03
-JUDGEMENTS = ("works", "refused clearly", "confusing", "silently wrong", "crash", "not run")
-_CRASH = re.compile(r"Traceback \(most recent call last\)|internal error", re.IGNORECASE)
+JUDGEMENTS = (
+    "works", "works, no metres", "readable", "doubted", "refused clearly", "confusing", "silently wrong", "crash",
+    "not run",
+)  # fmt: skip
+BAD = ("confusing", "silently wrong", "crash")
+#: What a foreign sentence looks like: the system's, a library's, or an exception's name.
 _RAW = re.compile(
     r"\[Errno|could not (broadcast|determine a constructor)|while scanning|cv2\.error|OpenCV\(|\w+Error:", re.IGNORECASE
 )
-_DOUBT = re.compile(r"warning|unreliable|not reliable|not checked", re.IGNORECASE)
+_TRACE = "Traceback (most recent call last)"
 _PLACEHOLDER = re.compile(r"\.\.\.|(?<=\s)[LRX](?=\s|\.|$)")
+_POLL_S = 0.1
+_BASE_PAIR = "pair base/left/frame0000.png base/right/frame0000.png"
 #: What stands where a README abbreviates its command or is missing.
 SPELLED_OUT = {
-    "08-one-camera": ["pair base/left/frame0000.png base/right/frame0000.png --calibration head_camera.yaml"],
+    "04-opencv-yml": [f"{_BASE_PAIR} --calibration {name}" for name in ("stereo.yml", "stereo.xml")],
+    "06-camera-model-fisheye": [
+        f"{_BASE_PAIR} --calibration {name}" for name in ("rig.yaml", "equidistant.yaml", "melodic.yaml")
+    ],
+    "08-one-camera": [f"{_BASE_PAIR} --calibration head_camera.yaml"],
+    "16-zed-conf": [f"{_BASE_PAIR} --calibration {name}" for name in ("SN12345.conf", "agisoft.xml", "matlab.json")],
     "20-realsense-rect": ["info bag", "survey bag"],
     "21-rect-topic-raw-info": [
         "survey bag --left-topic /stereo/left/image_rect_color --right-topic /stereo/right/image_rect_color"
     ],
     "37-fisheye-lens": ["pair left/f0000.png right/f0000.png --calibration calibration.yaml"],
+    "38-black-border": [
+        f"pair {name}/left.png {name}/right.png" for name in ("b2", "b16", "circle", "letterbox", "osdbar")
+    ],
     "40-two-videos": ["survey GX010042_left.MP4", "pack --left GX010042_left.MP4 --right GX010017_right.MP4"],
-    "42-sbs-stills": ["pack --left imgs/*.jpg --right imgs/*.jpg"],
+    "41-sbs-video": ["survey dive_sbs.mp4", "survey dive_sbs.avi"],
+    "42-sbs-stills": ["pack --left 'imgs/*.jpg' --right 'imgs/*.jpg'"],
     "43-exif-orientation": [
         "pair left/GOPR0000.JPG right/GOPR0000.JPG --calibration base/rig.yaml", "survey ."
     ],
-    "49-gopro-shifted-equal-count": ["survey . --calibration calibration.yaml"],
+    "49-gopro-shifted-equal-count": ["survey . --calibration calibration.yaml", "survey ."],
     "52-bayer-png": ["pair left.png right.png"],
     "56-row-interleaved": ["pair interleaved.png interleaved.png"],
     "58-mpo": ["pair stereo.mpo stereo.mpo"],
+    "60-ros1-bag": ["survey dive.bag", "info dive.bag"],
+    "68-compressed-h264-in-CompressedImage": ["info bag", "survey bag"],
 }  # fmt: skip
 
 
@@ -73,11 +90,11 @@ class Outcome:
         Exit code; negative: ended by that signal; None: not run.
     seconds : float
     peak_mb : float
-        Greatest resident memory of a process, MB.
+        Greatest resident memory of all its processes together, MB.
+    codes : tuple of str
+        What the result or the failure says of itself.
     last_line : str
         Of standard error.
-    raw_words : bool
-        A traceback, an internal error, or the system's or a library's own sentence was shown.
     depth_m : float or None
         Median metric depth of what was written; None where nothing metric was.
     judgement : str
@@ -89,8 +106,8 @@ class Outcome:
     code: int | None
     seconds: float
     peak_mb: float
+    codes: tuple[str, ...]
     last_line: str
-    raw_words: bool
     depth_m: float | None
     judgement: str
 
@@ -122,38 +139,60 @@ def prepare(case: Path, work: Path) -> None:
         (work / "base").symlink_to(base.resolve())
 
 
-def arguments_of(command: str, work: Path, output: str) -> list[str]:
-    """Words of a command, its patterns expanded as a shell does, with an output of its own."""
+def arguments_of(command: str, output: str) -> list[str]:
+    """Words of a command with an output of its own; patterns stay, as in quotes."""
     words = shlex.split(command)
-    given = [w for word in words for w in (_expanded(word, work) if "*" in word else [word])]
     if words[0] in ("pair", "survey", "pack") and "-o" not in words:
-        given += ["-o", output]
-    return [output if word == "out" else word for word in given]
-
-
-def _expanded(pattern: str, work: Path) -> list[str]:
-    return sorted(str(path.relative_to(work)) for path in work.glob(pattern)) or [pattern]
+        words += ["-o", output]
+    return [output if word == "out" else word for word in words]
 
 
 def run(program: Sequence[str], work: Path, seconds: float, memory_mb: int) -> tuple[int, float, float, str]:
-    """Run within bounds: exit code, seconds, peak memory in MB, standard error."""
-
-    def bound() -> None:
-        resource.setrlimit(resource.RLIMIT_AS, (memory_mb << 20, memory_mb << 20))
-
-    started = time.monotonic()
+    """Run within bounds: exit code, seconds, peak memory in MB, standard error. No process is left behind."""
+    started, peak = time.monotonic(), 0.0
     with tempfile.TemporaryFile("w+", errors="replace") as said:
-        process = subprocess.Popen(
-            program, cwd=work, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=said,
-            start_new_session=True, preexec_fn=bound,
-        )  # fmt: skip
-        timer = threading.Timer(seconds, os.killpg, (process.pid, signal.SIGKILL))
-        timer.start()
-        _, status, usage = os.wait4(process.pid, 0)
-        timer.cancel()
-        process.returncode = os.waitstatus_to_exitcode(status)
+        process = psutil.Popen(program, cwd=work, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=said)
+        try:
+            while not _ended(process):
+                peak = max(peak, resident_mb(process))
+                if peak > memory_mb or time.monotonic() - started > seconds:
+                    break
+        finally:
+            end(process)
         said.seek(0)
-        return process.returncode, time.monotonic() - started, usage.ru_maxrss / 1024, said.read()
+        return process.returncode, time.monotonic() - started, peak, said.read()
+
+
+def _ended(process: psutil.Popen) -> bool:
+    try:
+        process.wait(_POLL_S)
+    except (psutil.TimeoutExpired, subprocess.TimeoutExpired):
+        return False
+    return True
+
+
+def _family(process: psutil.Popen) -> list[psutil.Process]:
+    try:
+        return [process, *process.children(recursive=True)]
+    except psutil.NoSuchProcess:
+        return []
+
+
+def resident_mb(process: psutil.Popen) -> float:
+    """Resident memory of a process and all below it, MB."""
+    total = 0
+    for one in _family(process):
+        with contextlib.suppress(psutil.Error):
+            total += one.memory_info().rss
+    return total / 2**20
+
+
+def end(process: psutil.Popen) -> None:
+    """Kill a process and all below it, if they still run."""
+    for one in _family(process):
+        with contextlib.suppress(psutil.Error):
+            one.kill()
+    process.wait()
 
 
 def median_depth(output: Path) -> float | None:
@@ -164,47 +203,89 @@ def median_depth(output: Path) -> float | None:
     return float(np.median(values)) if values.size else None
 
 
-def says_doubt(output: Path, stderr: str) -> bool:
-    """Whether the terminal, a report or a frame's row says that the result is not to be trusted."""
-    reports = [json.loads(path.read_text()) for path in output.glob("report.json")]
-    rows = [row for path in output.glob("frames.csv") for row in csv.DictReader(path.open())]
-    doubted = any(_unreliable(report) for report in reports) or any(row.get("status") == "unreliable" for row in rows)
-    return doubted or bool(_DOUBT.search(stderr))
+@dataclass(frozen=True)
+class Told:
+    """What an output folder says of itself: ``report.json`` and ``frames.csv``.
+
+    Parameters
+    ----------
+    codes : tuple of str
+        Of warnings and failures, each once.
+    reliable : bool
+    reconstructed : int
+        Pairs that came through.
+    reasons : tuple of str
+        Of the pairs that did not.
+    """
+
+    codes: tuple[str, ...] = ()
+    reliable: bool = True
+    reconstructed: int = 0
+    reasons: tuple[str, ...] = ()
 
 
-def _unreliable(report: dict[str, Any]) -> bool:
-    return report.get("reliable") is False or bool(report.get("rectification", {}).get("warnings"))
+def read_told(output: Path) -> Told:
+    """What an output folder says; nothing where there is no report."""
+    if not (output / "report.json").is_file():
+        return Told()
+    report = json.loads((output / "report.json").read_text())
+    codes = [warning["code"] for warning in report.get("warnings", [])]
+    if "frames" in report:
+        return _told_of_survey(output, report, codes)
+    failed = report.get("failed")
+    if failed:
+        return Told((*codes, failed["code"]), False, 0, (failed["text"],))
+    return Told(tuple(codes), report.get("reliable", True), 1)
 
 
-def judge(code: int, stderr: str, depth_m: float | None, doubted: bool) -> str:
+def _told_of_survey(output: Path, report: dict[str, Any], codes: list[str]) -> Told:
+    with (output / "frames.csv").open(newline="") as table:
+        rows = list(csv.DictReader(table))
+    failed = [row for row in rows if row["status"] == "failed"]
+    codes += [code for row in rows for code in row["warnings"].split()]
+    reasons = tuple(dict.fromkeys(row["reason"] for row in failed))
+    return Told(tuple(dict.fromkeys(codes)), report["reliable"], len(rows) - len(failed), reasons)
+
+
+def judge(code: int, stderr: str, told: Told, depth_m: float | None) -> str:
     """Judge an outcome, as far as a program can."""
-    if _CRASH.search(stderr) or code < 0 or code > 2:
+    if code not in (0, 1, 2) or _TRACE in stderr or Code.INTERNAL in told.codes:
         return "crash"
-    if code != 0:
-        return "confusing" if _RAW.search(stderr) or _lines_of_error(stderr) > 1 else "refused clearly"
-    wrong = depth_m is not None and abs(depth_m / TRUE_DEPTH_M - 1) > DEPTH_TOLERANCE
-    return "silently wrong" if wrong and not doubted else "works"
+    if told.reconstructed:
+        return _judge_result(told, depth_m)
+    if code == 0:
+        return "readable"
+    lines = told.reasons or (last_error(stderr),)
+    return "confusing" if any(_RAW.search(line) or "\n" in line for line in lines) else "refused clearly"
 
 
-def _lines_of_error(stderr: str) -> int:
-    """Lines from the last one that starts with the program's name to the end."""
+def _judge_result(told: Told, depth_m: float | None) -> str:
+    if depth_m is None:
+        return "works, no metres"
+    if abs(depth_m / TRUE_DEPTH_M - 1) <= DEPTH_TOLERANCE:
+        return "works"
+    return "silently wrong" if told.reliable and not told.codes else "doubted"
+
+
+def last_error(stderr: str) -> str:
+    """From the last line that starts with the program's name to the end."""
     lines = [line for line in stderr.splitlines() if line.strip()]
     starts = [number for number, line in enumerate(lines) if line.startswith("uw_recon")]
-    return len(lines) - starts[-1] if starts else 1
+    return "\n".join(lines[starts[-1] if starts else -1 :])
 
 
 def run_case(case: Path, program: Sequence[str], seconds: float, memory_mb: int) -> list[Outcome]:
     """Run all commands of a case, one after the other, in one copy of it."""
     todo = commands(case)
     if not todo:
-        return [Outcome(case.name, "", None, 0.0, 0.0, "no command that can be run", False, None, "not run")]
+        return [Outcome(case.name, "", None, 0.0, 0.0, (), "no command that can be run", None, "not run")]
     with tempfile.TemporaryDirectory(prefix="case_") as folder:
         work = Path(folder) / case.name
         prepare(case, work)
         results = []
         for number, command in enumerate(todo):
             output = f"out{number}"
-            words = arguments_of(command, work, f"../{output}")
+            words = arguments_of(command, f"../{output}")
             code, took, peak, said = run([*program, *words], work, seconds, memory_mb)
             results.append(_outcome(case.name, command, (code, took, peak, said), Path(folder) / output))
         return results
@@ -212,22 +293,25 @@ def run_case(case: Path, program: Sequence[str], seconds: float, memory_mb: int)
 
 def _outcome(case: str, command: str, ran: tuple[int, float, float, str], output: Path) -> Outcome:
     code, took, peak, said = ran
-    depth = median_depth(output)
-    lines = [line.strip() for line in said.splitlines() if line.strip()]
-    raw = bool(_CRASH.search(said) or _RAW.search(said))
-    judgement = judge(code, said, depth, says_doubt(output, said))
-    return Outcome(case, command, code, took, peak, lines[-1] if lines else "", raw, depth, judgement)
+    depth, told = median_depth(output), read_told(output)
+    lines = [*told.reasons, *(line.strip() for line in said.splitlines() if line.strip())]
+    shown = told.reasons[0] if told.reasons and not told.reconstructed else lines[-1] if lines else ""
+    return Outcome(case, command, code, took, peak, told.codes, shown, depth, judge(code, said, told, depth))
 
 
 def as_markdown(outcomes: Sequence[Outcome]) -> str:
     """Table of outcomes."""
-    rows = ["| case | command | exit | s | MB | depth, m | raw words | judgement | last line |", "| --- " * 9 + "|"]
+    rows = ["| case | command | exit | s | MB | depth, m | codes | judgement | last line |", "| --- " * 9 + "|"]
     for o in outcomes:
         depth = "" if o.depth_m is None else f"{o.depth_m:.3f}"
-        cells = [o.case, o.command.split(" ")[0], "" if o.code is None else str(o.code), f"{o.seconds:.1f}",
-                 f"{o.peak_mb:.0f}", depth, "yes" if o.raw_words else "", o.judgement, o.last_line]  # fmt: skip
+        cells = [o.case, _shortened(o.command), "" if o.code is None else str(o.code), f"{o.seconds:.1f}",
+                 f"{o.peak_mb:.0f}", depth, " ".join(o.codes), o.judgement, o.last_line]  # fmt: skip
         rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return "\n".join(rows) + "\n"
+
+
+def _shortened(command: str) -> str:
+    return command.removeprefix(_BASE_PAIR + " -o out ").replace(_BASE_PAIR, "pair base")
 
 
 def main() -> int:
@@ -237,7 +321,9 @@ def main() -> int:
     parser.add_argument("--output", type=Path, default=Path("cases_out"), help="default: %(default)s")
     parser.add_argument("--only", nargs="*", default=[], help="names of cases")
     parser.add_argument("--seconds", type=float, default=300.0, help="for a command; default: %(default)s")
-    parser.add_argument("--memory-mb", type=int, default=4096, help="of address space; default: %(default)s")
+    parser.add_argument(
+        "--memory-mb", type=int, default=4096, help="resident, of all its processes; default: %(default)s"
+    )
     parser.add_argument("--program", nargs="+", default=[str(Path(sys.executable).parent / "uw_recon")])
     args = parser.parse_args()
     args.output.mkdir(parents=True, exist_ok=True)
@@ -247,11 +333,12 @@ def main() -> int:
         if args.only and case.name not in args.only:
             continue
         outcomes += run_case(case, args.program, args.seconds, args.memory_mb)
-        say(f"{outcomes[-1].case}: {outcomes[-1].judgement}: {outcomes[-1].last_line}")
+        for o in (o for o in outcomes if o.case == case.name):
+            say(f"{o.case}: {o.judgement}: {o.last_line}")
         (args.output / "cases.json").write_text(json.dumps([asdict(o) for o in outcomes], indent=1) + "\n")
         (args.output / "cases.md").write_text(as_markdown(outcomes))
     sys.stdout.write(as_markdown(outcomes))
-    return int(any(o.judgement in ("confusing", "silently wrong", "crash") for o in outcomes))
+    return int(any(o.judgement in BAD for o in outcomes))
 
 
 if __name__ == "__main__":

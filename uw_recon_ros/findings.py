@@ -24,6 +24,7 @@ class Code(str, Enum):
     DATA = "data"
     ESTIMATION = "estimation"
     IMAGE = "image"
+    INTERNAL = "internal"  #: a fault of ours, not of the data
     IMAGE_IDENTICAL = "image.identical"
     MESSAGE = "message"
     TRAJECTORY = "trajectory"

@@ -240,6 +240,7 @@ def test_bad_frames_are_rows_and_the_rest_goes_on(room: Path, tmp_path: Path) ->
     assert [row["status"] for row in rows] == ["ok", "failed", "ok", "failed", "ok", "ok"]
     assert "/left/image_raw: 99 bytes are no sensor_msgs/msg/Image" in rows[1]["reason"]
     assert "the others show nothing" in rows[3]["reason"]
+    assert [rows[i]["warnings"] for i in (1, 3)] == ["bag", "match.nothing_seen"]
     assert sorted(p.stem for p in (tmp_path / "out" / "depth").iterdir()) == [f"{i:06d}" for i in (0, 2, 4, 5)]
     assert (tmp_path / "out" / "previews" / "000003.jpg").is_file()  # what the failure looked like
     page = (tmp_path / "out" / "report.html").read_text()

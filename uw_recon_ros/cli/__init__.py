@@ -12,7 +12,7 @@ import sys
 from collections.abc import Collection, Sequence
 
 from uw_recon_ros.cli import completion, disparity, doctor, evaluate, info, pack, pair, simulate, survey, warmup
-from uw_recon_ros.cli.common import FAILED, USAGE, UsageError
+from uw_recon_ros.cli.common import FAILED, OUR_FAULT, USAGE, UsageError
 from uw_recon_ros.errors import ReconError
 from uw_recon_ros.progress import say
 from uw_recon_ros.system_errors import explain, our_fault
@@ -50,7 +50,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0 done, 1 failed (one line on standard error says what and why), 2 wrong usage.
+        0 done, 1 failed (one line on standard error says what and why), 2 wrong usage, 70 a fault of ours.
     """
     try:
         return _run(sys.argv[1:] if argv is None else argv)
@@ -68,7 +68,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return _fail("interrupted", FAILED)
     except Exception as error:
-        return _fail(our_fault(error), FAILED)
+        return _fail(our_fault(error), OUR_FAULT)
 
 
 def _run(words: Sequence[str]) -> int:

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 OK, FAILED, USAGE = 0, 1, 2
+OUR_FAULT = 70  # EX_SOFTWARE of sysexits.h
 
 
 class UsageError(Exception):

@@ -124,6 +124,7 @@ class _Run:
             self.store.append(row)
             if not succeeded(row):
                 self.teller.line(f"frame {row['frame']}: {row['reason']}")
+                continue
             for code in set(codes(row)) - told:
                 told.add(code)
                 self.teller.line(_first_of_its_kind(row, code))

@@ -14,6 +14,7 @@ from pathlib import Path
 import cv2
 
 from uw_recon_ros.errors import CalibrationError, ReconError
+from uw_recon_ros.findings import Code, Finding, Severity
 from uw_recon_ros.images import write_image
 from uw_recon_ros.rectify.rectification import Rectification
 from uw_recon_ros.rectify.tie_points import TiePoints, find_tie_points
@@ -25,6 +26,7 @@ from uw_recon_ros.survey.products import Products, Stages, Stopwatch, describe
 from uw_recon_ros.survey.read import Reader
 from uw_recon_ros.survey.store import FAILED, Row, SurveyError
 from uw_recon_ros.survey.write import PREVIEWS, frame_files, frame_name, side_by_side
+from uw_recon_ros.system_errors import our_fault
 from uw_recon_ros.types import StereoPair
 
 
@@ -75,7 +77,7 @@ def tie_points_of(task: Task) -> TiePoints | str:
     except (OSError, MemoryError, SurveyError):
         raise
     except Exception as error:  # whatever it is, other frames may do
-        return _reason(error)
+        return _found(error).text
 
 
 def reconstruct_frame(task: Task) -> Row:
@@ -104,7 +106,8 @@ def reconstruct_frame(task: Task) -> Row:
     except (OSError, MemoryError, SurveyError):
         raise
     except Exception as error:  # one frame's trouble, whatever it is, is not the survey's end
-        row |= {"status": FAILED, "reason": _reason(error)}
+        found = _found(error)
+        row |= {"status": FAILED, "reason": found.text, "findings": [found.as_dict()]}
         files = _write_raw(shop, frame, pair)
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
     seconds = time.perf_counter() - started
@@ -146,6 +149,7 @@ def _write(shop: Workshop, files: Mapping[str, Callable[[Path], None]]) -> dict[
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _reason(error: Exception) -> str:
-    text = " ".join(str(error).split())
-    return text if isinstance(error, ReconError) else f"internal error: {type(error).__name__}: {text}"
+def _found(error: Exception) -> Finding:
+    if isinstance(error, ReconError):
+        return Finding(error.code, " ".join(str(error).split()), Severity.REFUSED)
+    return Finding(Code.INTERNAL, our_fault(error), Severity.REFUSED)
