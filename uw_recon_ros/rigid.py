@@ -74,3 +74,20 @@ def small_adjoint(twists: Matrix) -> Matrix:
     found[..., :3, :3] = found[..., 3:, 3:] = skew(twists[..., 3:])
     found[..., :3, 3:] = skew(twists[..., :3])
     return found
+
+
+def quaternion(rotation: Matrix) -> Matrix:
+    """Unit quaternion (x, y, z, w), w >= 0, of a (3, 3) rotation; of the nearest one where it is not quite one.
+
+    The quaternion is the eigenvector of the largest eigenvalue of a symmetric matrix made of the rotation (Bar-Itzhack,
+    2000), which has no special cases.
+    """
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation
+    symmetric = np.array([
+        [xx - yy - zz, yx + xy, zx + xz, zy - yz],
+        [yx + xy, yy - xx - zz, zy + yz, xz - zx],
+        [zx + xz, zy + yz, zz - xx - yy, yx - xy],
+        [zy - yz, xz - zx, yx - xy, xx + yy + zz],
+    ])  # fmt: skip
+    found: Matrix = np.linalg.eigh(symmetric)[1][:, -1]
+    return found if found[3] >= 0 else -found

@@ -10,7 +10,8 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 
 from uw_recon_ros.reconstruct.triangulation import points_from_depth
-from uw_recon_ros.ros.rectified_frame import quaternion, rectifying_transform, rotation_deg
+from uw_recon_ros.rigid import quaternion
+from uw_recon_ros.ros.rectified_frame import rectifying_transform, rotation_deg
 from uw_recon_ros.types import StereoGeometry, named_frame, optical_frame, rectified_frame
 
 TURNS = [(0.0, 0.0, 0.0), (0.01, -0.02, 0.005), (math.pi, 0.0, 0.0), (0.0, math.pi, 0.0), (0.0, 0.0, -3.1), (1, 2, 0.5)]

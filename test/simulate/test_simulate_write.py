@@ -16,9 +16,10 @@ from uw_recon_ros.bags import bag_info, open_bag
 from uw_recon_ros.bags.messages import image_from_message, stamp_ns
 from uw_recon_ros.calibration import camera_from_info
 from uw_recon_ros.errors import BagError
+from uw_recon_ros.rigid import quaternion
 from uw_recon_ros.simulate import Dive, SimulateParams, simulate
 from uw_recon_ros.simulate.rig import rotation_about
-from uw_recon_ros.simulate.write import quaternion, rounded
+from uw_recon_ros.simulate.write import rounded
 
 BAGS = Path(__file__).parents[2] / "bags"
 TINY = SimulateParams(width=80, height=60, frames=3, rate_hz=2.0)

@@ -12,11 +12,12 @@ import math
 import numpy as np
 from geometry_msgs.msg import Quaternion, Transform, TransformStamped, Vector3
 
+from uw_recon_ros.rigid import quaternion
 from uw_recon_ros.ros.declarations import Output
 from uw_recon_ros.ros.message_types import message_class
 from uw_recon_ros.ros.messages import header
 from uw_recon_ros.ros.outputs import Outputs
-from uw_recon_ros.types import Matrix, StereoGeometry, optical_frame, rectified_frame
+from uw_recon_ros.types import StereoGeometry, optical_frame, rectified_frame
 
 TOPIC = "/tf_static"
 #: Why there is no transform, where there is none.
@@ -41,7 +42,7 @@ def rectifying_transform(geometry: StereoGeometry, stamp_ns: int, frame_id: str)
         Parent: the optical frame; child: the rectified one. Takes coordinates in the child to those in the parent.
     """
     raw_from_rect = np.asarray(geometry.rect_from_raw_left, np.float64).T
-    x, y, z, w = quaternion(raw_from_rect)
+    x, y, z, w = quaternion(raw_from_rect).tolist()
     return TransformStamped(
         header=header(stamp_ns, optical_frame(frame_id)),
         child_frame_id=rectified_frame(frame_id),
@@ -49,29 +50,9 @@ def rectifying_transform(geometry: StereoGeometry, stamp_ns: int, frame_id: str)
     )
 
 
-def quaternion(rotation: Matrix) -> tuple[float, float, float, float]:
-    """Unit quaternion (x, y, z, w), w >= 0, of a (3, 3) rotation; of the nearest one where it is not quite one.
-
-    The quaternion is the eigenvector of the largest eigenvalue of a symmetric matrix made of the rotation (Bar-Itzhack,
-    2000), which has no special cases.
-    """
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation.tolist()
-    symmetric = np.array(
-        [
-            [xx - yy - zz, yx + xy, zx + xz, zy - yz],
-            [yx + xy, yy - xx - zz, zy + yz, xz - zx],
-            [zx + xz, zy + yz, zz - xx - yy, yx - xy],
-            [zy - yz, xz - zx, yx - xy, xx + yy + zz],
-        ]
-    )
-    x, y, z, w = np.linalg.eigh(symmetric)[1][:, -1].tolist()
-    sign = math.copysign(1.0, w)
-    return sign * x, sign * y, sign * z, sign * w
-
-
 def rotation_deg(geometry: StereoGeometry) -> float:
     """By how much rectification turns the left camera, degrees."""
-    w = quaternion(np.asarray(geometry.rect_from_raw_left, np.float64))[3]
+    w = float(quaternion(np.asarray(geometry.rect_from_raw_left, np.float64))[3])
     return math.degrees(2 * math.acos(min(w, 1.0)))
 
 

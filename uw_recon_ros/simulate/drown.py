@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_recon_ros.evaluate import fill_rows
 from uw_recon_ros.simulate.sensor import expose, exposure_of, to_light
 from uw_recon_ros.simulate.snow import add_spots
 from uw_recon_ros.simulate.water import Water, attenuate, daylight_veil, forward_scatter
@@ -103,19 +104,7 @@ def right_disparity(disparity: FloatImage) -> FloatImage:
     for rounded in (np.floor(u - d).astype(int), np.ceil(u - d).astype(int)):
         inside = (rounded >= 0) & (rounded < columns)
         np.maximum.at(moved, (v[inside], rounded[inside]), d[inside])
-    return _fill_rows(np.where(np.isfinite(moved), moved, np.nan)).astype(np.float32)
-
-
-def _fill_rows(disparity: Matrix) -> Matrix:
-    """Holes take the smaller of the nearest values left and right."""
-    index = np.arange(disparity.shape[1])
-    known = np.isfinite(disparity)
-    before = np.maximum.accumulate(np.where(known, index, -1), axis=1)
-    after = np.minimum.accumulate(np.where(known, index, disparity.shape[1])[:, ::-1], axis=1)[:, ::-1]
-    padded = np.pad(disparity, ((0, 0), (1, 1)), constant_values=np.inf)
-    row = np.arange(disparity.shape[0])[:, None]
-    filled = np.minimum(padded[row, before + 1], padded[row, after + 1])
-    return np.where(known, disparity, np.where(np.isfinite(filled), filled, np.nan))
+    return fill_rows(np.where(np.isfinite(moved), moved, np.nan).astype(np.float32))
 
 
 def drown_pair(

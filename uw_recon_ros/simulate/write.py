@@ -9,13 +9,14 @@ import numpy as np
 
 from uw_recon_ros.bags.messages import pose_message, stamp_ns
 from uw_recon_ros.bags.writer import BagWriter
+from uw_recon_ros.rigid import quaternion
 from uw_recon_ros.simulate.dive import Dive, SimulatedFrame
 from uw_recon_ros.simulate.params import CourseParams, SimulateParams
 from uw_recon_ros.simulate.rig import LEFT_FRAME, RIGHT_FRAME
 from uw_recon_ros.simulate.sensors import sensor_messages
 from uw_recon_ros.simulate.survey_dive import SurveyDive, write_surface
 from uw_recon_ros.trajectory import write_tum
-from uw_recon_ros.types import FloatImage, Matrix, StereoCalibration
+from uw_recon_ros.types import FloatImage, StereoCalibration
 
 _DEPTH_STEP_M = 2.0**-12  # what rounding costs is 0.02 px of disparity at 1 m; it halves the bag's share for depth
 
@@ -142,16 +143,3 @@ def rounded(depth: FloatImage) -> FloatImage:
     """Depth in steps of 1/4096 m: its last bits are noise that does not compress."""
     steps: FloatImage = np.round(depth / np.float32(_DEPTH_STEP_M)) * np.float32(_DEPTH_STEP_M)
     return steps
-
-
-def quaternion(rotation: Matrix) -> Matrix:
-    """Unit quaternion x, y, z, w of a rotation matrix, w >= 0: the eigenvector of Bar-Itzhack's (2000) matrix."""
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation
-    symmetric = np.array([
-        [xx - yy - zz, yx + xy, zx + xz, zy - yz],
-        [yx + xy, yy - xx - zz, zy + yz, xz - zx],
-        [zx + xz, zy + yz, zz - xx - yy, yx - xy],
-        [zy - yz, xz - zx, yx - xy, xx + yy + zz],
-    ])  # fmt: skip
-    found: Matrix = np.linalg.eigh(symmetric)[1][:, -1]
-    return found if found[3] >= 0 else -found
