@@ -46,7 +46,8 @@ def compile_kernels(pair: StereoPair) -> None:
     """Run the stages once here: compiled code is cached, so that four processes need not each wait for it."""
     started = time.monotonic()
     say("[1/4] compiling the kernels (cached for next time) ...")
-    Pipeline(PipelineParams())(pair)
+    products = Pipeline(PipelineParams())(pair)
+    _ = products.thinned, products.surface
     say(f"      done in {time.monotonic() - started:.0f} s")
 
 

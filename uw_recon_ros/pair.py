@@ -19,9 +19,8 @@ from uw_recon_ros.evaluate import check_disparity_format, write_disparity, write
 from uw_recon_ros.findings import Code, Finding, Severity, severe, worst
 from uw_recon_ros.images import read_image, to_gray, write_bytes, write_image
 from uw_recon_ros.match.stage import Match, MatchParams
-from uw_recon_ros.pipeline import Pipeline, PipelineParams, Result
+from uw_recon_ros.pipeline import Pipeline, PipelineParams, Products
 from uw_recon_ros.preprocess.regions import find_regions
-from uw_recon_ros.preprocess.stage import Preprocess
 from uw_recon_ros.progress import say
 from uw_recon_ros.reconstruct.export import write_glb, write_ply
 from uw_recon_ros.rectify.params import RectifyParams
@@ -61,7 +60,7 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _report(result: Result) -> Report:
+def _report(result: Products) -> Report:
     quality, disparity = result.rectified.quality, result.disparity
     findings = severe(result.enhanced.findings) + quality.warnings
     return {
@@ -136,7 +135,7 @@ def _write_enhanced(output: Path, enhanced: EnhancedPair) -> None:
     write_image(output / "right_enhanced.png", enhanced.right)
 
 
-def _write_result(output: Path, result: Result, report: Report) -> None:
+def _write_result(output: Path, result: Products, report: Report) -> None:
     _write_enhanced(output, result.enhanced)
     write_image(output / "left_rect.png", result.rectified.left)
     write_image(output / "right_rect.png", result.rectified.right)
@@ -161,7 +160,7 @@ def _claim(output: Path, overwrite: bool) -> None:
     output.mkdir(parents=True, exist_ok=True)
 
 
-def _expect_surface(result: Result, left: str | Path, right: str | Path) -> None:
+def _expect_surface(result: Products, left: str | Path, right: str | Path) -> None:
     """Refuse what would be files without content."""
     if not len(result.surface.faces):
         points = int(np.isfinite(result.cloud.points).all(axis=-1).sum())
@@ -199,13 +198,14 @@ def reconstruct_files(
         stages.append(stage)
         say(f"{stage} ...")
 
+    result = Pipeline(params).begin(pair, announce)
     try:
-        result = Pipeline(params)(pair, announce=announce)
+        _ = result.cloud
         _expect_surface(result, left, right)
     except ReconError as error:
         _write_json(output / "report.json", _failure(stages[-1], error))
         if stages[-1] != "preprocess":
-            _write_enhanced(output, Preprocess(params.preprocess)(pair))
+            _write_enhanced(output, result.enhanced)
         raise
     report = _report(result)
     say("writing ...")

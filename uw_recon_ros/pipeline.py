@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from uw_recon_ros.preprocess.stage import PreprocessParams
 from uw_recon_ros.reconstruct.stage import Reconstruct, ReconstructParams
 from uw_recon_ros.rectify.stage import Rectify, RectifyParams
 from uw_recon_ros.rectify.tracker import RigTracker
+from uw_recon_ros.stopwatch import Stopwatch
 from uw_recon_ros.types import DepthMap, DisparityMap, EnhancedPair, PointCloud, RectifiedPair, StereoPair, Surface
 
 Announce = Callable[[str], None]
@@ -64,39 +64,91 @@ def read_values(path: str | Path) -> dict[str, Any]:
     return values
 
 
-@dataclass(frozen=True, eq=False)
-class Result:
-    """Everything that came of one pair.
+@dataclass(frozen=True)
+class Stages:
+    """What makes each product from the one before.
 
     Parameters
     ----------
-    raw, enhanced, rectified, disparity, depth, cloud, surface
-        In the order they were made.
-    stages_seconds : dict of str to float
-        Wall time of each stage, s.
+    preprocess, rectify, match : callable
+        A stage, or one with a memory of earlier pairs.
+    reconstruct : Reconstruct
     """
 
-    raw: StereoPair
-    enhanced: EnhancedPair
-    rectified: RectifiedPair
-    disparity: DisparityMap
-    depth: DepthMap
-    cloud: PointCloud
-    surface: Surface
-    stages_seconds: dict[str, float]
+    preprocess: Callable[[StereoPair], EnhancedPair]
+    rectify: Callable[[EnhancedPair], RectifiedPair]
+    match: Callable[[RectifiedPair], DisparityMap]
+    reconstruct: Reconstruct
 
 
-class _Stopwatch:
-    def __init__(self, announce: Announce) -> None:
-        self.seconds: dict[str, float] = {}
-        self._announce = announce
+class Products:
+    """All that comes of one pair, each made when it is first asked for, and kept.
 
-    @contextmanager
-    def __call__(self, stage: str) -> Iterator[None]:
-        self._announce(stage)
-        started = time.perf_counter()
-        yield
-        self.seconds[stage] = time.perf_counter() - started
+    Asking for one raises ``ReconError`` where the images or the calibration did not allow it or what it is made from.
+
+    Parameters
+    ----------
+    raw : StereoPair
+    stages : Stages
+    timed : Stopwatch
+    """
+
+    def __init__(self, raw: StereoPair, stages: Stages, timed: Stopwatch | None = None) -> None:
+        self.raw, self._stages = raw, stages
+        self.timed = Stopwatch() if timed is None else timed
+
+    @cached_property
+    def enhanced(self) -> EnhancedPair:
+        """The images to look at, and to match."""
+        with self.timed("preprocess"):
+            return self._stages.preprocess(self.raw)
+
+    @cached_property
+    def rectified(self) -> RectifiedPair:
+        """Matching pixels on one row; a column, for a vertical rig."""
+        enhanced = self.enhanced
+        with self.timed("rectify"):
+            return self._stages.rectify(enhanced)
+
+    @cached_property
+    def disparity(self) -> DisparityMap:
+        """Of the left rectified image, with its uncertainty and reasons, px."""
+        rectified = self.rectified
+        with self.timed("match"):
+            return self._stages.match(rectified)
+
+    @cached_property
+    def depth(self) -> DepthMap:
+        """Of the left rectified image; m where the scale is known."""
+        disparity = self.disparity
+        with self.timed("depth"):
+            return self._stages.reconstruct.depth(disparity)
+
+    @cached_property
+    def cloud(self) -> PointCloud:
+        """A point a pixel."""
+        depth = self.depth
+        with self.timed("cloud"):
+            return self._stages.reconstruct.cloud(depth, self.rectified.left)
+
+    @cached_property
+    def thinned(self) -> PointCloud:
+        """A point a voxel."""
+        cloud = self.cloud
+        with self.timed("cloud"):
+            return self._stages.reconstruct.thin(cloud)
+
+    @cached_property
+    def surface(self) -> Surface:
+        """The textured mesh."""
+        depth = self.depth
+        with self.timed("surface"):
+            return self._stages.reconstruct.surface(depth, self.rectified.left)
+
+    @property
+    def stages_seconds(self) -> dict[str, float]:
+        """Wall time of each stage so far, s."""
+        return self.timed.seconds
 
 
 class Pipeline:
@@ -108,37 +160,36 @@ class Pipeline:
     """
 
     def __init__(self, params: PipelineParams) -> None:
-        self._preprocess = PreprocessSequence(params.preprocess)
-        self._rig = RigTracker(params.rectify)
-        self._rectify = Rectify(params.rectify)
-        self._match = Match(params.match)
-        self._reconstruct = Reconstruct(params.reconstruct)
+        rig, rectify = RigTracker(params.rectify), Rectify(params.rectify)
+        self._stages = Stages(
+            PreprocessSequence(params.preprocess),
+            lambda pair: rectify(pair, rig.update(pair)),
+            Match(params.match),
+            Reconstruct(params.reconstruct),
+        )
 
-    def __call__(self, pair: StereoPair, announce: Announce = lambda stage: None) -> Result:
-        """Reconstruct one pair.
+    def begin(self, pair: StereoPair, announce: Announce | None = None) -> Products:
+        """Take a pair, and make nothing of it yet.
+
+        What is remembered is what was asked for, in the order in which it was: ask for `Products.rectified` before the
+        next pair begins.
 
         Parameters
         ----------
         pair : StereoPair
-        announce : callable
+        announce : callable or None
             Told the name of each stage as it begins.
+        """
+        return Products(pair, self._stages, Stopwatch(announce))
+
+    def __call__(self, pair: StereoPair) -> Products:
+        """Enhance and rectify the next pair; what follows is made when it is asked for.
 
         Raises
         ------
         ReconError
             What the images or the calibration did not allow, with the numbers.
         """
-        timed = _Stopwatch(announce)
-        with timed("preprocess"):
-            enhanced = self._preprocess(pair)
-        with timed("rectify"):
-            rectified = self._rectify(enhanced, self._rig.update(enhanced))
-        with timed("match"):
-            disparity = self._match(rectified)
-        with timed("depth"):
-            depth = self._reconstruct.depth(disparity)
-        with timed("cloud"):
-            cloud = self._reconstruct.cloud(depth, rectified.left)
-        with timed("surface"):
-            surface = self._reconstruct.surface(depth, rectified.left)
-        return Result(pair, enhanced, rectified, disparity, depth, cloud, surface, timed.seconds)
+        products = self.begin(pair)
+        _ = products.rectified
+        return products

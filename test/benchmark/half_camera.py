@@ -104,6 +104,7 @@ def measure(pipeline: Pipeline, dive: Dive, number: int, pair: StereoPair, good:
     """A line of the table."""
     try:
         result = pipeline(pair)
+        _ = result.depth
     except ReconError as error:
         return f"refused: {str(error)[:110]}"
     geometry, shape = result.depth.geometry, result.depth.depth.shape

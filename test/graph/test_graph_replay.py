@@ -21,7 +21,7 @@ from uw_recon_ros.bags.model import RawMessage
 from uw_recon_ros.bags.reader import open_bag
 from uw_recon_ros.bags.writer import BagWriter
 from uw_recon_ros.images import read_image
-from uw_recon_ros.pipeline import Pipeline, PipelineParams, Result
+from uw_recon_ros.pipeline import Pipeline, PipelineParams, Products
 from uw_recon_ros.ros import messages
 from uw_recon_ros.ros.geometry import infos_from_geometry
 from uw_recon_ros.types import StereoGeometry
@@ -95,13 +95,13 @@ class Replay:
         return lambda message: self.got[messages.stamp_ns(message)].update({topic: message})
 
 
-def offline(bag: Path, parameters: dict[str, Any] = LIMITS) -> dict[int, Result]:
+def offline(bag: Path, parameters: dict[str, Any] = LIMITS) -> dict[int, Products]:
     pipeline = Pipeline(PipelineParams.from_mapping(parameters))
     with open_bag(bag) as reader:
         return {pair.stamp_ns: pipeline(pair) for pair in reader.stereo_pairs()}
 
 
-def same(got: dict[str, Any], expected: Result) -> None:
+def same(got: dict[str, Any], expected: Products) -> None:
     """Bit for bit."""
     disparity = messages.float_image_from_message(got["disparity"].image)
     np.testing.assert_array_equal(disparity, expected.disparity.disparity)

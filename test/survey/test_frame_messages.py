@@ -13,8 +13,8 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 
 from uw_recon_ros.bags import messages
+from uw_recon_ros.pipeline import Products, Stages
 from uw_recon_ros.reconstruct.stage import Reconstruct, ReconstructParams
-from uw_recon_ros.rectify.rows import RowAgreement
 from uw_recon_ros.ros.messages import (
     cloud_message,
     depth_messages,
@@ -27,13 +27,13 @@ from uw_recon_ros.ros.messages import (
     surface_message,
 )
 from uw_recon_ros.survey.frame_messages import frame_messages
-from uw_recon_ros.survey.products import Products, Stopwatch
 from uw_recon_ros.types import (
     DisparityMap,
     EnhancedPair,
     RectificationQuality,
     RectifiedPair,
     StereoGeometry,
+    StereoPair,
     Window,
 )
 
@@ -63,16 +63,7 @@ def products(geometry: StereoGeometry, frame_id: str = "left_optical_frame", *, 
     quality = RectificationQuality("calibrated")
     rectified = RectifiedPair(*colors, *monos, geometry, quality, Window(2, 3, 50, 30), None, **named)
     enhanced = EnhancedPair(*colors, *monos, **named)
-    return Products(
-        enhanced,
-        rectified,
-        disparity,
-        stage.depth(disparity),
-        RowAgreement(0.1, 0.2, 0.1, 20, 75.0),
-        (),
-        stage,
-        Stopwatch(),
-    )
+    return Products(StereoPair(*colors), Stages(lambda _: enhanced, lambda _: rectified, lambda _: disparity, stage))
 
 
 def of_the_nodes(p: Products) -> dict[str, Any]:
@@ -134,7 +125,7 @@ def test_the_surface_has_corners() -> None:
 def test_an_empty_surface_deletes_the_one_before() -> None:
     p = products(HORIZONTAL)
     empty = replace(p.depth, depth=np.full_like(p.depth.depth, np.nan))
-    p = replace(p, depth=empty)
+    p.depth = empty
     [marker] = frame_messages(p, 7, frozenset({"surface"}))
     assert marker.data == ros_bytes(surface_message(p.surface))
 

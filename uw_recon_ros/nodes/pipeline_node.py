@@ -13,6 +13,7 @@ from typing import Any
 from uw_recon_ros.match.stage import MatchParams
 from uw_recon_ros.node_params import CameraParams, DisparityMessageParams, RateParams
 from uw_recon_ros.nodes import disparity_node, point_cloud_node, preprocess_node, rectify_node
+from uw_recon_ros.pipeline import Products, Stages
 from uw_recon_ros.preprocess.sequence import PreprocessSequence
 from uw_recon_ros.preprocess.stage import PreprocessParams
 from uw_recon_ros.reconstruct.stage import Reconstruct, ReconstructParams
@@ -24,7 +25,6 @@ from uw_recon_ros.ros.outputs import Outputs
 from uw_recon_ros.ros.pairs import calibration_from_infos, raw_pair
 from uw_recon_ros.ros.parameters import ParameterSet
 from uw_recon_ros.ros.process import run
-from uw_recon_ros.types import RectifiedPair
 
 INPUTS = (*preprocess_node.CAMERAS, *rectify_node.CAMERA_INFOS)
 _STEPS = [module.OUTPUTS for module in (preprocess_node, rectify_node, disparity_node, point_cloud_node)]
@@ -37,17 +37,15 @@ def _topics_from(step: int) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True)
-class Stages:
+class NodeStages(Stages):
     """All four, with the parameters they were made of."""
 
-    params: ParameterSet
-    preprocess: PreprocessSequence
     rectify: rectify_node.RigRectifier
     match: NodeMatcher
-    reconstruct: Reconstruct
+    params: ParameterSet
 
 
-class PipelineNode(StageNode[Stages]):
+class PipelineNode(StageNode[NodeStages]):
     """Runs the whole pipeline as far as somebody listens."""
 
     def __init__(self, **options: Any) -> None:
@@ -55,16 +53,16 @@ class PipelineNode(StageNode[Stages]):
         classes = (*own, PreprocessParams, RectifyParams, MatchParams, ReconstructParams)
         super().__init__("pipeline_node", classes=classes, inputs=INPUTS, outputs=OUTPUTS, **options)
 
-    def build(self, params: ParameterSet) -> Stages:
+    def build(self, params: ParameterSet) -> NodeStages:
         """Make the stages; a rig already known is forgotten only when rectification changes."""
         before = self.stage
         keep_rig = before is not None and before.params[RectifyParams] == params[RectifyParams]
-        return Stages(
-            params,
+        return NodeStages(
             PreprocessSequence(params[PreprocessParams]),
             before.rectify if before and keep_rig else rectify_node.RigRectifier.make(params[RectifyParams]),
             NodeMatcher(params[MatchParams], params[RateParams]),
             Reconstruct(params[ReconstructParams]),
+            params,
         )
 
     def adapt_inputs(self, params: ParameterSet) -> None:
@@ -74,37 +72,36 @@ class PipelineNode(StageNode[Stages]):
         self._most_pixels = params[CameraParams].max_pixels
         self.inputs.ignored = rectify_node.unwanted_infos(params[RectifyParams])
 
-    def warm_up(self, stage: Stages) -> None:
+    def warm_up(self, stage: NodeStages) -> None:
         """Compile the matcher, or fetch it compiled."""
         stage.match.warm_up()
 
-    def work(self, stage: Stages, group: Group, outputs: Outputs) -> int:
+    def work(self, stage: NodeStages, group: Group, outputs: Outputs) -> int:
         """Take one pair as far as somebody listens."""
         rectify_node.report_calibration(self.diagnostics, group)
         raw = raw_pair(
             group, calibration_from_infos(group.get("left_info"), group.get("right_info")), self._most_pixels
         )
-        enhanced = stage.preprocess(raw)
-        preprocess_node.report_regions(self.diagnostics, enhanced)
-        preprocess_node.publish_enhanced(outputs, enhanced)
+        products = Products(raw, stage)
+        preprocess_node.report_regions(self.diagnostics, products.enhanced)
+        preprocess_node.publish_enhanced(outputs, products.enhanced)
         if outputs.wanted(*_topics_from(1)):
-            rectified = stage.rectify(enhanced)
-            rectify_node.report_rectification(self.diagnostics, rectified)
-            rectify_node.publish_rectified(outputs, rectified)
+            rectify_node.report_rectification(self.diagnostics, products.rectified)
+            rectify_node.publish_rectified(outputs, products.rectified)
             if outputs.wanted(*_topics_from(2)):
-                self._reconstruct(stage, rectified, outputs)
-            stage.rectify.watch(enhanced)
+                self._reconstruct(stage, products, outputs)
+            stage.rectify.watch(products.enhanced)
         return raw.stamp_ns
 
-    def finished(self, stage: Stages, took_s: float) -> None:
+    def finished(self, stage: NodeStages, took_s: float) -> None:
         """Hold the rate that is asked for."""
         stage.match.finished(took_s, self.diagnostics)
 
-    def _reconstruct(self, stage: Stages, rectified: RectifiedPair, outputs: Outputs) -> None:
-        disparity = stage.match(rectified)
+    def _reconstruct(self, stage: NodeStages, products: Products, outputs: Outputs) -> None:
+        disparity, left = products.disparity, products.rectified.left
         disparity_node.report_disparity(self.diagnostics, disparity)
         disparity_node.publish_disparity(outputs, disparity, stage.params[DisparityMessageParams])
-        point_cloud_node.publish_reconstruction(outputs, self.diagnostics, stage.reconstruct, disparity, rectified.left)
+        point_cloud_node.publish_reconstruction(outputs, self.diagnostics, stage.reconstruct, disparity, left)
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -14,7 +14,7 @@ from uw_recon_ros.messages.clouds import cloud_message, depth_messages
 from uw_recon_ros.messages.disparities import disparity_message, sigma_message, status_message
 from uw_recon_ros.messages.headers import header
 from uw_recon_ros.messages.images import image_message
-from uw_recon_ros.survey.products import Products
+from uw_recon_ros.pipeline import Products
 
 #: Late subscribers get the last surface.
 LATCHED = QosProfile(depth=1, durability="transient_local")

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,7 +11,7 @@ import numpy as np
 from uw_recon_ros.errors import EstimationError
 from uw_recon_ros.findings import Code, Finding, Severity, severe
 from uw_recon_ros.match.stage import Match
-from uw_recon_ros.pipeline import PipelineParams
+from uw_recon_ros.pipeline import PipelineParams, Products, Stages
 from uw_recon_ros.preprocess.regions import find_regions
 from uw_recon_ros.preprocess.stage import Preprocess
 from uw_recon_ros.reconstruct.stage import Reconstruct
@@ -24,92 +21,63 @@ from uw_recon_ros.rectify.rows import RowAgreement, not_checked
 from uw_recon_ros.rectify.seam import torn
 from uw_recon_ros.rectify.stage import Rectify
 from uw_recon_ros.rectify.tie_points import find_tie_points
+from uw_recon_ros.stopwatch import Stopwatch
 from uw_recon_ros.survey.store import OK, UNRELIABLE
-from uw_recon_ros.types import (
-    DepthMap,
-    DisparityMap,
-    EnhancedPair,
-    PointCloud,
-    RectifiedPair,
-    StereoPair,
-    Surface,
-)
+from uw_recon_ros.types import EnhancedPair, RectifiedPair, StereoPair
 
 QUANTILES = (5, 25, 50, 75, 95)
 
 
-@dataclass
-class Stopwatch:
-    """Wall time of each stage, s; what is timed inside another block is not counted twice."""
-
-    seconds: dict[str, float] = field(default_factory=dict)
-    _inside: list[float] = field(default_factory=list)
-
-    @contextmanager
-    def __call__(self, stage: str) -> Iterator[None]:
-        """Time a block."""
-        started = time.perf_counter()
-        self._inside.append(0.0)
-        try:
-            yield
-        finally:
-            elapsed, inner = time.perf_counter() - started, self._inside.pop()
-            self.seconds[stage] = self.seconds.get(stage, 0.0) + elapsed - inner
-            if self._inside:
-                self._inside[-1] += elapsed
-
-
-@dataclass(frozen=True)
-class Products:
-    """All that came of one pair; clouds and surface are made when they are asked for.
+class WatchedRectify:
+    """Rectifies by what is known of the rig, and holds the rows of this very pair against it.
 
     Parameters
     ----------
-    enhanced, rectified, disparity, depth
-        In the order they were made.
-    rows : RowAgreement
-        Of this very pair's tie points.
-    findings : tuple of Finding
-        Of the rig and of this pair.
-    reconstruct : Reconstruct
-    timed : Stopwatch
+    rectify : Rectify
+    rectification : Rectification
+        The rig's.
     """
 
-    enhanced: EnhancedPair
-    rectified: RectifiedPair
-    disparity: DisparityMap
-    depth: DepthMap
-    rows: RowAgreement
-    findings: tuple[Finding, ...]
-    reconstruct: Reconstruct
-    timed: Stopwatch
+    def __init__(self, rectify: Rectify, rectification: Rectification) -> None:
+        self._rectify, self._rectification = rectify, rectification
+        self.rows = RowAgreement()
+        self.findings: tuple[Finding, ...] = ()
 
-    @cached_property
-    def cloud(self) -> PointCloud:
-        """A point a pixel."""
-        with self.timed("cloud"):
-            return self.reconstruct.cloud(self.depth, self.rectified.left)
-
-    @cached_property
-    def thinned(self) -> PointCloud:
-        """A point a voxel."""
-        cloud = self.cloud
-        with self.timed("cloud"):
-            return self.reconstruct.thin(cloud)
-
-    @cached_property
-    def surface(self) -> Surface:
-        """The textured mesh."""
-        with self.timed("surface"):
-            return self.reconstruct.surface(self.depth, self.rectified.left)
+    def __call__(self, enhanced: EnhancedPair) -> RectifiedPair:
+        """Rectify one pair; without metres where its rows are too far off."""
+        params, rectification = self._rectify.params, self._rectification
+        self.rows, found = watch_rows(enhanced, rectification, params)
+        if self.rows.withheld(params):
+            rectification = replace(rectification, geometry=rectification.geometry.unscaled)
+        self.findings = together(enhanced, rectification, found)
+        return self._rectify(enhanced, rectification)
 
 
-class Stages:
-    """The nodes' stages in a row, for a rig whose rectification is known."""
+class FrameProducts(Products):
+    """All that comes of one frame of a survey."""
+
+    def __init__(self, raw: StereoPair, stages: Stages, watched: WatchedRectify, timed: Stopwatch) -> None:
+        super().__init__(raw, stages, timed)
+        self._watched = watched
+
+    @property
+    def rows(self) -> RowAgreement:
+        """Of this very pair's tie points."""
+        _ = self.rectified
+        return self._watched.rows
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Of the rig and of this pair."""
+        _ = self.rectified
+        return self._watched.findings
+
+
+class FramePipeline:
+    """The nodes' stages in a row, for rigs whose rectification is known and pairs in any order."""
 
     def __init__(self, params: PipelineParams) -> None:
         self._preprocess = Preprocess(params.preprocess)
-        self._rectify_params = params.rectify
         self._rectify = Rectify(params.rectify)
         self._match = Match(replace(params.match, match_threads=1))  # the cores are shared out by frames
         self._reconstruct = Reconstruct(params.reconstruct)
@@ -120,27 +88,11 @@ class Stages:
 
     def __call__(
         self, pair: StereoPair, rectification: Rectification, timed: Stopwatch, before: StereoPair | None = None
-    ) -> Products:
-        """Reconstruct one pair.
-
-        Raises
-        ------
-        ReconError
-            What the images did not allow, with the numbers.
-        """
-        with timed("preprocess"):
-            enhanced = self.enhance(pair, before)
-        with timed("rectify"):
-            rows, found = watch_rows(enhanced, rectification, self._rectify_params)
-            if rows.withheld(self._rectify_params):
-                rectification = replace(rectification, geometry=rectification.geometry.unscaled)
-            rectified = self._rectify(enhanced, rectification)
-            findings = together(enhanced, rectification, found)
-        with timed("match"):
-            disparity = self._match(rectified)
-        with timed("depth"):
-            depth = self._reconstruct.depth(disparity)
-        return Products(enhanced, rectified, disparity, depth, rows, findings, self._reconstruct, timed)
+    ) -> FrameProducts:
+        """Take one pair; nothing is made of it yet."""
+        watched = WatchedRectify(self._rectify, rectification)
+        stages = Stages(partial(self.enhance, before=before), watched, self._match, self._reconstruct)
+        return FrameProducts(pair, stages, watched, timed)
 
 
 def watch_rows(
@@ -161,7 +113,7 @@ def together(pair: EnhancedPair, rig: Rectification, rows: tuple[Finding, ...]) 
     return tuple({finding.code: finding for finding in (*pair.findings, *of_rig, *rows)}.values())
 
 
-def describe(products: Products) -> dict[str, Any]:
+def describe(products: FrameProducts) -> dict[str, Any]:
     """The numbers of a frame's row; None where there is none."""
     disparity, depth = products.disparity, products.depth
     valid = depth.depth[np.isfinite(depth.depth)]

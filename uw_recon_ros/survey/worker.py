@@ -19,10 +19,11 @@ from uw_recon_ros.images import write_image
 from uw_recon_ros.rectify.rectification import Rectification
 from uw_recon_ros.rectify.tie_points import TiePoints, find_tie_points
 from uw_recon_ros.report.figures import as_byte_rgb
+from uw_recon_ros.stopwatch import Stopwatch
 from uw_recon_ros.survey.durable import publish
 from uw_recon_ros.survey.pair_index import Frame
 from uw_recon_ros.survey.plan import Plan, Task, load_plan
-from uw_recon_ros.survey.products import Products, Stages, Stopwatch, describe
+from uw_recon_ros.survey.products import FramePipeline, FrameProducts, describe
 from uw_recon_ros.survey.read import Reader
 from uw_recon_ros.survey.store import FAILED, Row, SurveyError
 from uw_recon_ros.survey.write import PREVIEWS, frame_files, frame_name, side_by_side
@@ -36,7 +37,7 @@ class Workshop:
     def __init__(self, plan: Plan) -> None:
         cv2.setNumThreads(1)  # the cores are shared out by frames
         self.plan = plan
-        self.stages = Stages(plan.pipeline)
+        self.pipeline = FramePipeline(plan.pipeline)
         self.reader = Reader(plan.sources, plan.calibrations)
         self.staging = Path(plan.root) / "state" / "staging"
 
@@ -72,7 +73,7 @@ def tie_points_of(task: Task) -> TiePoints | str:
     """Tie points of one frame, or why there are none."""
     shop = _enter(task)
     try:
-        enhanced = shop.stages.enhance(shop.reader.read(task.frame), shop.reader.read_before(task.frame))
+        enhanced = shop.pipeline.enhance(shop.reader.read(task.frame), shop.reader.read_before(task.frame))
         return find_tie_points(enhanced, shop.plan.pipeline.rectify)
     except (OSError, MemoryError, SurveyError):
         raise
@@ -100,7 +101,7 @@ def reconstruct_frame(task: Task) -> Row:
     try:
         with timed("read"):
             pair, before = shop.reader.read(frame), shop.reader.read_before(frame)
-        products = shop.stages(pair, shop.rectification(frame), timed, before)
+        products = shop.pipeline(pair, shop.rectification(frame), timed, before)
         row |= describe(products)
         files = _write_products(shop, frame, products, row)
     except (OSError, MemoryError, SurveyError):
@@ -114,7 +115,7 @@ def reconstruct_frame(task: Task) -> Row:
     return row | {"files": files, "seconds": seconds, "stages_seconds": timed.seconds, "peak_mb": peak_mb}
 
 
-def _write_products(shop: Workshop, frame: Frame, products: Products, row: Row) -> dict[str, int]:
+def _write_products(shop: Workshop, frame: Frame, products: FrameProducts, row: Row) -> dict[str, int]:
     files = frame_files(frame.number, frame.left.log_ns, products, shop.plan.survey)
     with products.timed("write"):
         written = _write(shop, files)
