@@ -5,37 +5,29 @@ from __future__ import annotations
 import json
 import math
 import os
-import time
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from uw_recon_ros.calibration import read_calibration
-from uw_recon_ros.errors import EstimationError, ImageError, ReconError
+from uw_recon_ros.errors import EstimationError, ReconError
 from uw_recon_ros.evaluate import check_disparity_format, write_disparity, write_pfm
-from uw_recon_ros.findings import Code, Finding, Severity, severe, worst
-from uw_recon_ros.images import read_image, to_gray, write_bytes, write_image
+from uw_recon_ros.findings import Code, Severity, severe, worst
+from uw_recon_ros.given_pair import ready_to_match, stereo_pair
+from uw_recon_ros.images import read_image, write_bytes, write_image
 from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.pipeline import Pipeline, PipelineParams, Products
-from uw_recon_ros.preprocess.regions import find_regions
 from uw_recon_ros.progress import say
 from uw_recon_ros.reconstruct.export import write_glb, write_ply
-from uw_recon_ros.rectify.params import RectifyParams
-from uw_recon_ros.rectify.rows import not_checked
-from uw_recon_ros.rectify.tie_points import find_tie_points
-from uw_recon_ros.report.figures import as_byte_rgb, colorize_disparity
+from uw_recon_ros.report.figures import colorize_disparity
 from uw_recon_ros.report.pair import write_pair_page
-from uw_recon_ros.types import DepthMap, EnhancedPair, RectificationQuality, RectifiedPair, StereoGeometry, StereoPair
-from uw_recon_ros.unseen import blackened
+from uw_recon_ros.stopwatch import Stopwatch
+from uw_recon_ros.types import DepthMap, EnhancedPair, StereoPair
 from uw_recon_ros.warm import tell_if_cold
 
 Report = dict[str, Any]
-_BEHIND_PX = 1.0
-_NEARLY_ALL = 0.95
-_ROWS_PX = 1.0
 
 
 def read_pair(left: str | Path, right: str | Path, calibration: str | Path | None = None) -> StereoPair:
@@ -47,13 +39,7 @@ def read_pair(left: str | Path, right: str | Path, calibration: str | Path | Non
         Naming the file.
     """
     images = read_image(left), read_image(right)
-    if images[0].shape != images[1].shape or images[0].dtype != images[1].dtype:
-        described = [f"{i.shape[1]}x{i.shape[0]} {'colour' if i.ndim == 3 else 'mono'} {i.dtype}" for i in images]
-        raise ImageError(f"{left}, {right}: expected two images of one size and kind, got {' and '.join(described)}")
-    if np.array_equal(*images):
-        raise ImageError(f"{left}, {right}: expected two different images, got the same twice", Code.IMAGE_IDENTICAL)
-    rig = read_calibration(calibration) if calibration else None
-    return StereoPair(*images, frame_id=(rig.left.frame_id if rig else "") or "left_optical_frame", calibration=rig)
+    return stereo_pair(*images, read_calibration(calibration) if calibration else None, f"{left}, {right}")
 
 
 def _finite(value: float) -> float | None:
@@ -224,42 +210,6 @@ def _claim_file(output: Path, overwrite: bool) -> None:
         raise ReconError(f"{output}: expected a folder that can be written to, got {output.parent}")
 
 
-def _as_bytes(pair: StereoPair) -> StereoPair:
-    """8 bits a channel: the highest that either image uses, so that both are dimmed alike."""
-    if pair.left.dtype == np.uint8:
-        return pair
-    bits = max(int(max(pair.left.max(), pair.right.max())).bit_length(), 8)
-    left, right = ((image >> (bits - 8)).astype(np.uint8) for image in (pair.left, pair.right))
-    return replace(pair, left=left, right=right)
-
-
-def _suspicions(pair: StereoPair, min_disparity: int) -> tuple[Finding, ...]:
-    """Whether images said to be rectified look like it: rows that agree, the left camera on the left.
-
-    Raises
-    ------
-    EstimationError
-        The images are exchanged.
-    """
-    gray = to_gray(pair.left), to_gray(pair.right)
-    try:
-        found = find_tie_points(EnhancedPair(as_byte_rgb(pair.left), as_byte_rgb(pair.right), *gray), RectifyParams())
-    except EstimationError as error:
-        return (not_checked(str(error)),)
-    u, v = (found.left - found.right).T
-    if np.mean(u < -_BEHIND_PX) > _NEARLY_ALL and min_disparity >= 0:
-        raise EstimationError(
-            f"exchanged images: expected disparities over 0, got {np.mean(u < 0):.0%} of {len(found)} tie points under "
-            f"it (median {np.median(u):.1f} px): exchange the images, or give a --min-disparity under 0",
-            Code.MATCH_EXCHANGED,
-        )
-    median = float(np.median(np.abs(v)))
-    if median <= _ROWS_PX:
-        return ()
-    text = f"not rectified? rows disagree by {median:.1f} px (median of {len(found)} tie points)"
-    return (Finding(Code.RECTIFY_ROWS_DISAGREE, text, Severity.UNRELIABLE, "rectify them, as `pair` does"),)
-
-
 def match_files(
     left: str | Path, right: str | Path, output: str | Path, params: MatchParams, *, overwrite: bool = False
 ) -> Report:
@@ -270,28 +220,20 @@ def match_files(
     ReconError
     """
     _claim_file(Path(output), overwrite)
-    pair = _as_bytes(read_pair(left, right))
-    suspicions = _suspicions(pair, params.min_disparity)
-    height, width = pair.left.shape[:2]
-    geometry = StereoGeometry(float(width), (width - 1) / 2, (width - 1) / 2, (height - 1) / 2)
-    shown = np.zeros((height, width, 3), np.uint8)  # texture, which matching does without
-    regions = find_regions(pair)
-    scenes = blackened(pair.left.copy(), regions.left), blackened(pair.right.copy(), regions.right)
-    rectified = RectifiedPair(shown, shown, *scenes, geometry, RectificationQuality("given"))
-    match = Match(params)
+    ready, findings = ready_to_match(read_pair(left, right), params.min_disparity)
+    match, timed = Match(params), Stopwatch()
     tell_if_cold(say)
     match.warm_up()
-    started = time.perf_counter()
-    result = match(rectified)
-    seconds = time.perf_counter() - started
+    with timed("match"):
+        result, _ = match.images(ready)
     write_disparity(output, result.disparity)
     return {
         "method": result.method,
         "effort": params.effort if params.method == "graph_cut" else None,
         "energy": _finite(result.energy),
-        "seconds": seconds,
+        "seconds": timed.seconds["match"],
         "density": result.density,
         "min_disparity": result.min_disparity,
         "max_disparity": result.max_disparity,
-        "warnings": [finding.as_dict() for finding in severe(regions.findings) + suspicions],
+        "warnings": [finding.as_dict() for finding in severe(findings)],
     }

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from uw_recon_ros.catalogue import ALL_PARAMS, NODES
+from uw_recon_ros.findings import Finding
 from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.params import read_parameter_file, unknown_names
 from uw_recon_ros.preprocess.sequence import PreprocessSequence
@@ -144,6 +145,11 @@ class Products:
         depth = self.depth
         with self.timed("surface"):
             return self._stages.reconstruct.surface(depth, self.rectified.left)
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What is to be known of the images and their rows."""
+        return self.enhanced.findings + self.rectified.quality.warnings
 
     @property
     def stages_seconds(self) -> dict[str, float]:

@@ -32,6 +32,11 @@ Axis = Literal["horizontal", "vertical"]
 _RECTIFIED = "_rectified"
 
 
+def share_known(values: FloatImage) -> float:
+    """Share of an image that is no NaN, 0 to 1."""
+    return float(np.isfinite(values).mean()) if values.size else 0.0
+
+
 def optical_frame(frame_id: str) -> str:
     """Name of a camera's own, unrotated optical frame, from that or from `rectified_frame` of it."""
     return frame_id.removesuffix(_RECTIFIED)
@@ -295,6 +300,27 @@ class RectificationQuality:
 
 
 @dataclass(frozen=True, eq=False)
+class MatchingPair:
+    """What the matcher needs of a rectified pair.
+
+    Parameters
+    ----------
+    left, right : (H, W) or (H, W, 3) uint8
+        0 where nothing is seen, see `unseen`; RGB where colour is to be matched.
+    axis : {'horizontal', 'vertical'}
+        Whether matching pixels share a row or a column.
+    valid_left, valid_right : Window or None
+        Where the image shows something; None: everywhere.
+    """
+
+    left: ByteImage
+    right: ByteImage
+    axis: Axis = "horizontal"
+    valid_left: Window | None = None
+    valid_right: Window | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class RectifiedPair:
     """A pair whose matching pixels share a row (a column, for a vertical rig).
 
@@ -322,6 +348,40 @@ class RectifiedPair:
     valid_right: Window | None = None
     stamp_ns: int = 0
     frame_id: str = ""
+
+    @property
+    def to_match(self) -> MatchingPair:
+        """What the matcher needs of it."""
+        return MatchingPair(
+            self.left_matching, self.right_matching, self.geometry.axis, self.valid_left, self.valid_right
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Matches:
+    """Dense correspondence of two images, whatever the cameras.
+
+    Parameters
+    ----------
+    disparity, sigma, status, min_disparity, max_disparity, method, energy
+        As in `DisparityMap`.
+    findings : tuple of Finding
+        What is to be known of the images.
+    """
+
+    disparity: FloatImage
+    sigma: FloatImage
+    status: ByteImage
+    min_disparity: int
+    max_disparity: int
+    method: str
+    energy: float
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def density(self) -> float:
+        """Share of pixels with a disparity, 0 to 1."""
+        return share_known(self.disparity)
 
 
 @dataclass(frozen=True, eq=False)
@@ -360,7 +420,7 @@ class DisparityMap:
     @property
     def density(self) -> float:
         """Share of pixels with a disparity, 0 to 1."""
-        return float(np.isfinite(self.disparity).mean()) if self.disparity.size else 0.0
+        return share_known(self.disparity)
 
 
 @dataclass(frozen=True, eq=False)

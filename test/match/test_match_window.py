@@ -69,8 +69,8 @@ def test_no_work_outside_the_windows(axis: str, monkeypatch: pytest.MonkeyPatch)
 
 
 def test_whole_images_are_matched_where_no_window_is_given() -> None:
-    assert window_to_match(extend_borders("horizontal", None, None)) == Window(0, 0, 150, 90)
-    assert window_to_match(extend_borders("horizontal", LEFT, None)) == Window(0, 10, 150, 60)
+    assert window_to_match(extend_borders("horizontal", None, None).to_match) == Window(0, 0, 150, 90)
+    assert window_to_match(extend_borders("horizontal", LEFT, None).to_match) == Window(0, 10, 150, 60)
 
 
 def test_black_borders_do_not_widen_the_range_found() -> None:

@@ -20,7 +20,7 @@ from uw_recon_ros.match.planes.motion import FrameBefore
 from uw_recon_ros.match.status import explain
 from uw_recon_ros.match.window import paste, window_to_match
 from uw_recon_ros.params import Params, param
-from uw_recon_ros.types import ByteImage, DisparityMap, FloatImage, RectifiedPair, Status
+from uw_recon_ros.types import ByteImage, DisparityMap, FloatImage, Matches, MatchingPair, RectifiedPair, Status
 from uw_recon_ros.unseen import continued, unseen
 
 #: Standard deviation of a whole-pixel graph cut's disparity, px: rounding (0.29) and the stairs it makes of slanted
@@ -142,9 +142,26 @@ class Match:
         frame : FrameBefore or None
             For the next pair; None: the method or effort has nothing to hand on.
         """
-        vertical = pair.geometry.axis == "vertical"
+        found, frame = self.images(pair.to_match, before)
+        disparity = DisparityMap(
+            disparity=found.disparity,
+            sigma=found.sigma,
+            status=found.status,
+            min_disparity=found.min_disparity,
+            max_disparity=found.max_disparity,
+            geometry=pair.geometry,
+            method=found.method,
+            energy=found.energy,
+            stamp_ns=pair.stamp_ns,
+            frame_id=pair.frame_id,
+        )
+        return disparity, frame
+
+    def images(self, pair: MatchingPair, before: FrameBefore | None = None) -> tuple[Matches, FrameBefore | None]:
+        """As `follow`, for images alone: matching needs no cameras."""
+        vertical = pair.axis == "vertical"
         window = window_to_match(pair)
-        shape = pair.left_matching.shape[:2]
+        shape = pair.left.shape[:2]
         left, right = (_along_rows(image[window.slices], vertical) for image in _scenes(pair))
         low, high = self._limits(left, right)
         result = self._solve(left, right, low, high, before)
@@ -157,19 +174,8 @@ class Match:
         known = (status == Status.OCCLUDED) & (reason != 0)
         status[known] = reason[known]
         valid = status == 0
-        found = DisparityMap(
-            disparity=np.where(valid, disparity, nan),
-            sigma=np.where(valid, sigma, nan),
-            status=status,
-            min_disparity=low,
-            max_disparity=high,
-            geometry=pair.geometry,
-            method=self.params.method,
-            energy=result.energy,
-            stamp_ns=pair.stamp_ns,
-            frame_id=pair.frame_id,
-        )
-        return found, result.frame
+        values = np.where(valid, disparity, nan), np.where(valid, sigma, nan)
+        return Matches(*values, status, low, high, self.params.method, result.energy), result.frame
 
     def warm_up(self) -> None:
         """Have everything compiled that a call needs: a moment from the cache, half a minute the first time ever."""
@@ -211,7 +217,7 @@ class Match:
         return _Solution(result.disparity, sigma, np.zeros(sigma.shape, np.uint8), float(result.energy))
 
 
-def _scenes(pair: RectifiedPair) -> list[ByteImage]:
+def _scenes(pair: MatchingPair) -> list[ByteImage]:
     """Left and right as they are matched: continued where they show nothing, so that no edge of that is matched.
 
     Raises
@@ -220,7 +226,7 @@ def _scenes(pair: RectifiedPair) -> list[ByteImage]:
         An image shows nothing, or next to nothing.
     """
     scenes = []
-    for name, image in (("left", pair.left_matching), ("right", pair.right_matching)):
+    for name, image in (("left", pair.left), ("right", pair.right)):
         hidden = unseen(image)
         if hidden.mean() > _MOST_UNSEEN:
             raise EstimationError(

@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros.evaluate import fill_rows
-from uw_recon_ros.types import ByteImage, FloatImage, Mask, RectifiedPair, Status, Window
+from uw_recon_ros.types import ByteImage, FloatImage, Mask, MatchingPair, Status, Window
 from uw_recon_ros.unseen import unseen
 
 
-def explain(disparity: FloatImage, min_disparity: int, max_disparity: int, pair: RectifiedPair) -> ByteImage:
+def explain(disparity: FloatImage, min_disparity: int, max_disparity: int, pair: MatchingPair) -> ByteImage:
     """Status bits of a disparity map; what either image does not show, see `unseen`, has none.
 
     Parameters
@@ -19,7 +19,7 @@ def explain(disparity: FloatImage, min_disparity: int, max_disparity: int, pair:
         As in `DisparityMap`; NaN = no match found.
     min_disparity, max_disparity : int
         Limits searched, inclusive, px.
-    pair : RectifiedPair
+    pair : MatchingPair
         What was matched.
 
     Returns
@@ -30,16 +30,16 @@ def explain(disparity: FloatImage, min_disparity: int, max_disparity: int, pair:
         there at the disparity of the surroundings. ``OCCLUDED`` elsewhere without a match. 0 where the disparity is
         good.
     """
-    vertical = pair.geometry.axis == "vertical"
+    vertical = pair.axis == "vertical"
     status = np.zeros(disparity.shape, np.uint8)
     unmatched = ~np.isfinite(disparity)
     expected = fill_rows(disparity.T).T if vertical else fill_rows(disparity)
     expected = np.clip(np.where(np.isfinite(expected), expected, min_disparity), min_disparity, max_disparity)
-    hidden = unseen(pair.right_matching)
+    hidden = unseen(pair.right)
     outside = ~_partner_seen(np.where(unmatched, expected, disparity), vertical, pair.valid_right, hidden)
     status[unmatched & ~outside] = Status.OCCLUDED
     status[outside] = Status.OUTSIDE
-    status[unseen(pair.left_matching)] = Status.UNSEEN
+    status[unseen(pair.left)] = Status.UNSEEN
     if pair.valid_left is not None:
         beyond = np.ones(disparity.shape, np.bool_)
         beyond[pair.valid_left.slices] = False

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros.errors import EstimationError
-from uw_recon_ros.types import RectifiedPair, Window
+from uw_recon_ros.types import MatchingPair, Window
 
 T = TypeVar("T", bound=np.generic)
 
 
-def window_to_match(pair: RectifiedPair) -> Window:
+def window_to_match(pair: MatchingPair) -> Window:
     """The rows that both valid windows have, and the columns that either has; in a vertical rig the other way round.
 
     The same part of both views, so that disparities stay what they are.
@@ -23,12 +23,12 @@ def window_to_match(pair: RectifiedPair) -> Window:
     EstimationError
         The windows have no rows in common.
     """
-    height, width = pair.left_matching.shape[:2]
+    height, width = pair.left.shape[:2]
     whole = Window(0, 0, width, height)
     left, right = pair.valid_left or whole, pair.valid_right or whole
     rows = [(w.v, w.v + w.height) for w in (left, right)]
     columns = [(w.u, w.u + w.width) for w in (left, right)]
-    vertical = pair.geometry.axis == "vertical"
+    vertical = pair.axis == "vertical"
     across, along = (columns, rows) if vertical else (rows, columns)
     first, last = max(a for a, _ in across), min(b for _, b in across)
     if first >= last:
