@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import ast
 import json
-import sys
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent / "bags"))
-
-from bag_makers import MS, write_mcap
+from helpers.bag_makers import MS, write_mcap
 
 from uw_recon_ros.bags import RawMessage, messages, open_bag
 from uw_recon_ros.calibration import read_calibration

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "tools"))
-
 from write_benchmarks import MARKED, TABLES, filled  # noqa: E402
 
 START = [{"what": "cold", "cpu_s": 20.0, "wall_s": 21.0, "misses": 67, "hits": 0}]

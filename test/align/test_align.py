@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from track_scenes import GEOMETRY, bottom, descriptors, motion, seen
+from helpers.track_scenes import GEOMETRY, bottom, descriptors, motion, seen
 
 from uw_recon_ros import rigid
 from uw_recon_ros.align.graph import Anchors, Edges, residuals, solve_graph

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 import zstandard
-from bag_makers import recording, write_mcap
-from bag_mutants import CHANNEL, CHUNK, CHUNK_INDEX, MESSAGE, SCHEMA, STATISTICS, chunk, joined, string
+from helpers.bag_makers import recording, write_mcap
+from helpers.bag_mutants import CHANNEL, CHUNK, CHUNK_INDEX, MESSAGE, SCHEMA, STATISTICS, chunk, joined, string
 
 from uw_recon_ros.bags import mcap_index, open_bag
 from uw_recon_ros.bounds import BYTES_PER_STEP, MOST_QOS_TEXT, MOST_UNPACKED, SPARE_BYTES, SPARE_STEPS, Budget

@@ -6,7 +6,7 @@ import random
 from pathlib import Path
 
 import pytest
-from bag_makers import (
+from helpers.bag_makers import (
     IMAGE,
     chunk_offsets,
     cut,

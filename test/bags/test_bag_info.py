@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bag_makers import IMAGE, MS, camera, cut, image_bytes, recording, write_mcap
+from helpers.bag_makers import IMAGE, MS, camera, cut, image_bytes, recording, write_mcap
 
 from uw_recon_ros.bags import BagWriter, RawMessage, bag_info
 from uw_recon_ros.cli import main

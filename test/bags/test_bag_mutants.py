@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from bag_makers import cut, recording, write_mcap, write_rosbags
-from bag_mutants import (
+from helpers.bag_makers import cut, recording, write_mcap, write_rosbags
+from helpers.bag_mutants import (
     CHANNEL,
     CHUNK,
     DATABASE_JOBS,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bag_makers import camera, recording
+from helpers.bag_makers import camera, recording
 from rosbags.highlevel import AnyReader
 
 from uw_recon_ros.bags import BagWriter, bag_info, open_bag, pack, write_bag

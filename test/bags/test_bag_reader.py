@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from bag_makers import IMAGE, MS, camera, recording, write_mcap, write_rosbags, write_split
+from helpers.bag_makers import IMAGE, MS, camera, recording, write_mcap, write_rosbags, write_split
 from mcap.writer import CompressionType
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
@@ -190,7 +190,7 @@ def test_pairs_are_decoded_with_their_calibration(tmp_path: Path) -> None:
 
 
 def test_only_equal_stamps_pair_unless_a_tolerance_is_given(tmp_path: Path) -> None:
-    from bag_makers import image_bytes
+    from helpers.bag_makers import image_bytes
 
     recorded = [RawMessage("/left/image_raw", IMAGE, 100 * i * MS, image_bytes(i, 100 * i * MS)) for i in range(5)]
     recorded += [

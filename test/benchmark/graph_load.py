@@ -31,13 +31,13 @@ from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parent / "graph"))
+sys.path.insert(0, str(HERE.parent))
 
 import cv2
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
-from graph_bench import FOUR, Bench, Graph
-from process_watch import Usage, usage
+from helpers.graph_bench import FOUR, Bench, Graph
+from helpers.process_watch import Usage, usage
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from uw_recon_ros.bags.writer import BagWriter

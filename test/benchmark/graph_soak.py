@@ -18,11 +18,11 @@ import tempfile
 import time
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "graph"))
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from graph_bench import FOUR, Bench, Graph
-from sea_trial import SeaTrial, arguments
-from soak import Sample, growth_kb, soak
+from helpers.graph_bench import FOUR, Bench, Graph
+from helpers.sea_trial import SeaTrial, arguments
+from helpers.soak import Sample, growth_kb, soak
 
 
 def show(sample: Sample, seconds: float) -> None:

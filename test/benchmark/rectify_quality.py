@@ -23,9 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "test" / "rectify"))
+sys.path.insert(0, str(ROOT / "test"))
 
-from rig_scenes import Rig, intrinsics, random_rig, tie_points, tie_points_of  # noqa: E402
+from helpers.rig_scenes import Rig, intrinsics, random_rig, tie_points, tie_points_of  # noqa: E402
 
 from uw_recon_ros.errors import EstimationError  # noqa: E402
 from uw_recon_ros.images import read_image  # noqa: E402

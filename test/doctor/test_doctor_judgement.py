@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from sights import (
+from helpers.sights import (
     SECOND,
     STAMPS,
     change,

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from graph_bench import Bench, Graph
+from helpers.graph_bench import Bench, Graph
 
 
 @pytest.fixture

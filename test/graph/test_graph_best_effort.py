@@ -7,8 +7,8 @@ from typing import Any
 
 import cv2
 import pytest
+from helpers.ros_bench import FRAME, banded_pair, color, infos
 from rclpy.qos import qos_profile_sensor_data
-from ros_bench import FRAME, banded_pair, color, infos
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from uw_recon_ros.ros import messages

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from process_watch import mapped_segments
-from ros_bench import banded_pair
+from helpers.process_watch import mapped_segments
+from helpers.ros_bench import banded_pair
 from sensor_msgs.msg import CompressedImage, Image
 
 from uw_recon_ros.bags.writer import BagWriter

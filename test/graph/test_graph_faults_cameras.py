@@ -9,11 +9,11 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from graph_bench import FOUR, Bench, Graph
+from helpers.graph_bench import FOUR, Bench, Graph
+from helpers.ros_bench import BANDS, BASELINE
+from helpers.sea_trial import OK, SECOND, STEP, SeaTrial, arguments
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
-from ros_bench import BANDS, BASELINE
-from sea_trial import OK, SECOND, STEP, SeaTrial, arguments
 
 pytestmark = [pytest.mark.graph, pytest.mark.timeout(3600)]
 LEFT, RIGHT = ("left/image_raw", "left/camera_info"), ("right/image_raw", "right/camera_info")

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from graph_bench import FOUR, Bench, Graph
-from process_watch import mapped_segments
+from helpers.graph_bench import FOUR, Bench, Graph
+from helpers.process_watch import mapped_segments
+from helpers.ros_bench import BANDS, FOCAL, infos, own_domain
+from helpers.sea_trial import SECOND, STEP, SeaTrial, arguments
 from rcl_interfaces.srv import ListParameters
-from ros_bench import BANDS, FOCAL, infos, own_domain
-from sea_trial import SECOND, STEP, SeaTrial, arguments
 
 pytestmark = [pytest.mark.graph, pytest.mark.timeout(3600)]
 PIPELINE = ("pipeline_node",)
@@ -158,8 +158,8 @@ def beside_each_other(one: SeaTrial, other: SeaTrial) -> None:
 
 def test_a_clock_that_stands_still(graph: Graph, tmp_path: Path) -> None:
     """A paused player's /clock: what is stepped is worked on, services and diagnostics go on by their own time."""
+    from helpers.ros_bench import banded_pair, color
     from rclpy.serialization import serialize_message
-    from ros_bench import banded_pair, color
 
     from uw_recon_ros.bags.model import RawMessage
     from uw_recon_ros.bags.writer import BagWriter

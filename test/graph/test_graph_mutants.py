@@ -8,17 +8,14 @@ import sys
 from pathlib import Path
 
 import pytest
+from helpers.bag_mutants import bomb, calibrated, joined, make_bases, mutant, split
+from helpers.dives import PARAMS, make_dive, recorded
+from helpers.ros_bench import Bench
 
-sys.path[:0] = [str(Path(__file__).parent.parent / room) for room in ("nodes", "bags", "survey")]
-
-from bag_mutants import bomb, calibrated, joined, make_bases, mutant, split  # noqa: E402
-from dives import PARAMS, make_dive, recorded  # noqa: E402
-from ros_bench import Bench  # noqa: E402
-
-from uw_recon_ros.bags import BagReader, open_bag  # noqa: E402
-from uw_recon_ros.errors import BagError  # noqa: E402
-from uw_recon_ros.nodes.bag_player_node import BagPlayerNode  # noqa: E402
-from uw_recon_ros.nodes.replay import parse  # noqa: E402
+from uw_recon_ros.bags import BagReader, open_bag
+from uw_recon_ros.errors import BagError
+from uw_recon_ros.nodes.bag_player_node import BagPlayerNode
+from uw_recon_ros.nodes.replay import parse
 
 pytestmark = pytest.mark.graph
 LIMIT_S = 3600  # on hanging

@@ -9,11 +9,11 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from graph_bench import FOUR
+from helpers.graph_bench import FOUR
+from helpers.ros_bench import BASELINE, FOCAL, FRAME, banded_pair, color, infos
+from helpers.ros_bench import HEIGHT as H
+from helpers.ros_bench import WIDTH as W
 from rclpy.serialization import serialize_message
-from ros_bench import BASELINE, FOCAL, FRAME, banded_pair, color, infos
-from ros_bench import HEIGHT as H
-from ros_bench import WIDTH as W
 from sensor_msgs.msg import Image, PointCloud2
 from stereo_msgs.msg import DisparityImage
 

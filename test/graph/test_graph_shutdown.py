@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from flood import Source
-from lifecycle_manager import CONFIGURE, SHUTDOWN, Manager
+from helpers.flood import Source
+from helpers.lifecycle_manager import CONFIGURE, SHUTDOWN, Manager
 from sensor_msgs.msg import Image
 from stereo_msgs.msg import DisparityImage
 

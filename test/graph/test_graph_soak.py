@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from graph_bench import FOUR, Graph
-from ros_bench import HEIGHT, WIDTH
-from sea_trial import SeaTrial, arguments
-from soak import growth_kb, soak
+from helpers.graph_bench import FOUR, Graph
+from helpers.ros_bench import HEIGHT, WIDTH
+from helpers.sea_trial import SeaTrial, arguments
+from helpers.soak import growth_kb, soak
 
 pytestmark = [pytest.mark.graph, pytest.mark.timeout(3600)]
 MONO_IMAGE_KB = WIDTH * HEIGHT / 1e3  # the smallest of what would be held on to by mistake

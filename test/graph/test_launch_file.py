@@ -10,11 +10,11 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import launch_double
 import pytest
 import yaml
-from launch_double import LaunchContext, Node, ProcessExited, Shutdown
-from ros_bench import banded_pair, calibration
+from helpers import launch_double
+from helpers.launch_double import LaunchContext, Node, ProcessExited, Shutdown
+from helpers.ros_bench import banded_pair, calibration
 from sensor_msgs.msg import PointCloud2
 
 from uw_recon_ros.bags.writer import BagWriter

@@ -17,7 +17,7 @@ from uw_recon_ros.locate.estimate import Located, estimate_trajectory
 from uw_recon_ros.locate.priors import Priors, priors_from_trajectory
 from uw_recon_ros.locate.walk import Frame
 from uw_recon_ros.simulate import CourseParams, SimulateParams, SurveyDive
-from uw_recon_ros.simulate.course import defaults_on
+from uw_recon_ros.simulate.params import defaults_on
 from uw_recon_ros.trajectory import PoseStatus, Trajectory, pose_matrix, trajectory_of
 
 SIZE = (240, 180)

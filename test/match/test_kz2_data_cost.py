@@ -6,9 +6,9 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from helpers.match_scenes import STEREO, cost, random_pair
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from match_scenes import STEREO, cost, random_pair
 
 from uw_recon_ros.images import read_image
 from uw_recon_ros.match.kz2.constants import Constants, automatic_occlusion_cost, make_constants

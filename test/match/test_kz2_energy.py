@@ -6,9 +6,9 @@ import itertools
 
 import numpy as np
 import pytest
+from helpers.match_scenes import cost, random_labels, random_pair
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from match_scenes import cost, random_labels, random_pair
 from numpy.typing import NDArray
 
 from uw_recon_ros.match.kz2.constants import Constants

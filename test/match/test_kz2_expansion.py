@@ -9,9 +9,9 @@ from concurrent.futures import ThreadPoolExecutor
 import cv2
 import numpy as np
 import pytest
+from helpers.match_scenes import random_pair
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from match_scenes import random_pair
 from numpy.typing import NDArray
 
 from uw_recon_ros.match.kz2.constants import Constants, make_constants

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from match_scenes import STEREO
+from helpers.match_scenes import STEREO
 from numpy.typing import NDArray
 
 from uw_recon_ros.images import read_image

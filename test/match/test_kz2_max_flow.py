@@ -6,9 +6,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from helpers.match_scenes import random_labels
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from match_scenes import random_labels
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow

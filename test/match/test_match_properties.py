@@ -11,7 +11,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from drowned_scenes import middlebury_under_water, reef
+from helpers.drowned_scenes import middlebury_under_water, reef
 from numpy.typing import NDArray
 from test_match_stage import GEOMETRY
 from test_planes_matcher import pair_of, plane, step_pair

@@ -3,7 +3,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from ros_bench import Bench
+from helpers.ros_bench import Bench
 
 
 @pytest.fixture

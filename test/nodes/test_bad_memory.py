@@ -9,9 +9,9 @@ from pathlib import Path
 
 CODE = """
 import json, resource, sys
-sys.path.insert(0, {here!r})
-import bad_messages as bad
-from ros_bench import Bench
+sys.path[:0] = [{here!r}, {shared!r}]
+from helpers import bad_messages as bad
+from helpers.ros_bench import Bench
 from test_bad_messages import Subject, good_camera_infos, good_compressed, good_images
 from uw_recon_ros.nodes import preprocess_node
 
@@ -51,7 +51,7 @@ print(json.dumps(told))
 
 def test_what_is_declared_is_not_allocated() -> None:
     """With room for 512 MiB more, declared are up to 55 EB; the greatest growth allowed is a few good frames'."""
-    code = CODE.format(here=str(Path(__file__).parent))
+    code = CODE.format(here=str(Path(__file__).parent), shared=str(Path(__file__).parents[1]))
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-3000:]
     told = json.loads(done.stdout.splitlines()[-1])

@@ -10,14 +10,14 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-import bad_messages as bad
 import cv2
 import numpy as np
 import pytest
+from helpers import bad_messages as bad
+from helpers.ros_bench import FRAME, LIMIT_S, Bench, color, mono, texture
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from rclpy.serialization import serialize_message
-from ros_bench import FRAME, LIMIT_S, Bench, color, mono, texture
 from sensor_msgs.msg import CameraInfo, CompressedImage
 from stereo_msgs.msg import DisparityImage
 

@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from helpers.ros_bench import Bench
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
 from rclpy.parameter import Parameter
-from ros_bench import Bench
 
 from uw_recon_ros.nodes.disparity_node import DisparityNode
 from uw_recon_ros.nodes.pipeline_node import PipelineNode

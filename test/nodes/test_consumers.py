@@ -11,11 +11,11 @@ from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
-import consumers
 import numpy as np
 import pytest
-from consumers import COSTMAP, LATCHED, RELIABLE, SENSOR_DATA, Costmap, Frames, OctomapServer, xyz
-from ros_bench import Bench, color
+from helpers import consumers
+from helpers.consumers import COSTMAP, LATCHED, RELIABLE, SENSOR_DATA, Costmap, Frames, OctomapServer, xyz
+from helpers.ros_bench import Bench, color
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from stereo_msgs.msg import DisparityImage
 from visualization_msgs.msg import Marker

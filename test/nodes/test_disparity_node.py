@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from helpers.ros_bench import BANDS, BASELINE, FOCAL, FRAME, Bench, array, banded_pair, color, infos, mono, texture
 from rclpy.parameter import Parameter
-from ros_bench import BANDS, BASELINE, FOCAL, FRAME, Bench, array, banded_pair, color, infos, mono, texture
 from sensor_msgs.msg import CameraInfo, Image
 from stereo_msgs.msg import DisparityImage
 

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from lifecycle_manager import ACTIVATE, CLEANUP, CONFIGURE, DEACTIVATE, SHUTDOWN, WAY_TO, Manager
+from helpers.lifecycle_manager import ACTIVATE, CLEANUP, CONFIGURE, DEACTIVATE, SHUTDOWN, WAY_TO, Manager
+from helpers.ros_bench import LIMIT_S, Bench, array, color, texture
 from lifecycle_msgs.msg import Transition, TransitionEvent
 from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions
 from rclpy.parameter import Parameter
-from ros_bench import LIMIT_S, Bench, array, color, texture
 from sensor_msgs.msg import Image
 
 from uw_recon_ros.nodes.preprocess_node import CAMERAS, OUTPUTS, PreprocessNode

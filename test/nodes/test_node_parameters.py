@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import pytest
+from helpers.ros_bench import Bench
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from ros_bench import Bench
 
 from uw_recon_ros.params import Params, param
 from uw_recon_ros.ros.parameters import NodeParameters, ParameterError, ParameterSet, descriptor

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
+from helpers.ros_bench import FRAME, HEIGHT, WIDTH, Bench, banded_pair, calibration, color, infos
 from rclpy.parameter import Parameter
-from ros_bench import FRAME, HEIGHT, WIDTH, Bench, banded_pair, calibration, color, infos
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from uw_recon_ros.nodes.disparity_node import DisparityNode

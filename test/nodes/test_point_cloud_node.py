@@ -8,7 +8,20 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from ros_bench import BANDS, BASELINE, FOCAL, FRAME, HEIGHT, WIDTH, Bench, banded_pair, color, infos, mono, texture
+from helpers.ros_bench import (
+    BANDS,
+    BASELINE,
+    FOCAL,
+    FRAME,
+    HEIGHT,
+    WIDTH,
+    Bench,
+    banded_pair,
+    color,
+    infos,
+    mono,
+    texture,
+)
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from stereo_msgs.msg import DisparityImage
 from visualization_msgs.msg import Marker

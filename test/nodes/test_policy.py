@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from ros_bench import Bench
+from helpers.ros_bench import Bench
 
 from uw_recon_ros.bags import open_bag
 from uw_recon_ros.nodes import disparity_node, pipeline_node, point_cloud_node, preprocess_node, rectify_node

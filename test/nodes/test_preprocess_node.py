@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from helpers.ros_bench import FRAME, Bench, array, color, mono, texture
 from rclpy.parameter import Parameter
-from ros_bench import FRAME, Bench, array, color, mono, texture
 from sensor_msgs.msg import CompressedImage, Image
 
 from uw_recon_ros.nodes.preprocess_node import PreprocessNode

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 from geometry_msgs.msg import TransformStamped
+from helpers.ros_bench import Bench
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from ros_bench import Bench
 from std_msgs.msg import Header
 
 from uw_recon_ros.nodes.rectify_node import RectifyNode

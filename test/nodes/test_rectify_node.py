@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.parameter import Parameter
-from ros_bench import (
+from helpers.ros_bench import (
     BASELINE,
     FRAME,
     HEIGHT,
@@ -23,6 +22,7 @@ from ros_bench import (
     mono,
     stamped,
 )
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image
 
 from uw_recon_ros.images import to_gray

@@ -11,7 +11,7 @@ from typing import Any
 
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
-from ros_bench import Bench, banded_pair, color, infos, stamped
+from helpers.ros_bench import Bench, banded_pair, color, infos, stamped
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from uw_recon_ros.nodes import pipeline_node

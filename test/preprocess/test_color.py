@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers.pictures import colored_leaves
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pictures import colored_leaves
 
 from uw_recon_ros.preprocess.color import (
     apply_gains,

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from pictures import leaves
+from helpers.pictures import leaves
 
 from uw_recon_ros.preprocess.extension import crop_extension, extend_symmetric
 from uw_recon_ros.preprocess.homomorphic import LOG_FLOOR, homomorphic_filter, homomorphic_gain

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from pictures import colored_leaves, leaves, psnr
+from helpers.pictures import colored_leaves, leaves, psnr
 
 from uw_recon_ros.preprocess.matching_profile import channel_weights, denoise_evenly, excess_sigma, weighted_gray
 

@@ -3,9 +3,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from helpers.pictures import colored_leaves, leaves, need_data, psnr, real_images, to_bytes, wave
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pictures import colored_leaves, leaves, need_data, psnr, real_images, to_bytes, wave
 
 from uw_recon_ros.preprocess.color import luminance
 from uw_recon_ros.preprocess.moire import find_moire, remove_moire, remove_waves

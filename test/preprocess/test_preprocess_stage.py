@@ -6,9 +6,9 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from helpers.pictures import Image, colored_leaves, leaves, need_data, psnr, real_images, to_bytes, wave
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pictures import Image, colored_leaves, leaves, need_data, psnr, real_images, to_bytes, wave
 
 from uw_recon_ros.errors import ImageError
 from uw_recon_ros.preprocess.stage import Preprocess, PreprocessParams

@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from pictures import DATA, Image, colored_leaves, leaves, psnr, to_bytes
+from helpers.pictures import DATA, Image, colored_leaves, leaves, psnr, to_bytes
 
 from uw_recon_ros.findings import Code, Severity
 from uw_recon_ros.images import read_image

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from pictures import leaves, psnr
+from helpers.pictures import leaves, psnr
 
 from uw_recon_ros.preprocess.wavelet import Pyramid, decompose, noise_sigma, reconstruct, shrink, wavelet_denoise
 

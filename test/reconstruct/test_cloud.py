@@ -6,9 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.reconstruct_scenes import (
+    ABOVE,
+    GEOMETRIES,
+    HORIZONTAL,
+    depth_map,
+    picture,
+    plane_depth,
+    rays,
+    sphere_depth,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from reconstruct_scenes import ABOVE, GEOMETRIES, HORIZONTAL, depth_map, picture, plane_depth, rays, sphere_depth
 
 from uw_recon_ros.reconstruct.cloud import organised_cloud, thin_cloud
 from uw_recon_ros.types import PointCloud

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from reconstruct_scenes import HORIZONTAL, depth_map, picture, plane_depth, sphere_depth
+from helpers.reconstruct_scenes import HORIZONTAL, depth_map, picture, plane_depth, sphere_depth
 
 from uw_recon_ros.errors import ReconError
 from uw_recon_ros.reconstruct.cloud import organised_cloud

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from reconstruct_scenes import HORIZONTAL, depth_map, picture
+from helpers.reconstruct_scenes import HORIZONTAL, depth_map, picture
 
 from uw_recon_ros.reconstruct.gaps import close_gaps
 from uw_recon_ros.reconstruct.planes import fit_planes, flat_planes

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from reconstruct_scenes import ABOVE, GEOMETRIES, HORIZONTAL, disparity_map, picture, plane_depth, sphere_depth
+from helpers.reconstruct_scenes import ABOVE, GEOMETRIES, HORIZONTAL, disparity_map, picture, plane_depth, sphere_depth
 
 from uw_recon_ros.reconstruct import cloud, gaps, planes, rasters, speckles
 from uw_recon_ros.reconstruct.stage import Reconstruct, ReconstructParams

@@ -6,9 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from reconstruct_scenes import (
+from helpers.reconstruct_scenes import (
     ABOVE,
     GEOMETRIES,
     HORIZONTAL,
@@ -19,6 +17,8 @@ from reconstruct_scenes import (
     rays,
     sphere_depth,
 )
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from uw_recon_ros.reconstruct.rasters import broken_triangles, misfit
 from uw_recon_ros.reconstruct.surface import build_surface

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.reconstruct_scenes import ABOVE, GEOMETRIES, HORIZONTAL, disparity_map, plane_depth, rays
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from reconstruct_scenes import ABOVE, GEOMETRIES, HORIZONTAL, disparity_map, plane_depth, rays
 from scipy.spatial.transform import Rotation
 
 from uw_recon_ros.reconstruct.triangulation import normals_from_slopes, points_from_depth, triangulate

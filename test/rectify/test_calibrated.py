@@ -5,9 +5,9 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from helpers.rig_scenes import Camera, Rig, calibration_of, make_rig, random_rig, scatter, tie_points
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rig_scenes import Camera, Rig, calibration_of, make_rig, random_rig, scatter, tie_points
 
 from uw_recon_ros.errors import CalibrationError, EstimationError
 from uw_recon_ros.findings import Code

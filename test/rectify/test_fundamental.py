@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from rig_scenes import make_rig, tie_points
+from helpers.rig_scenes import make_rig, tie_points
 
 from uw_recon_ros.rectify.fundamental import epipole_inside, epipoles, fit_fundamental, robust_inliers
 from uw_recon_ros.rectify.sampson import sampson_distance

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from helpers.rig_scenes import intrinsics, make_rig, random_rig, scatter, tie_points, tie_points_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rig_scenes import intrinsics, make_rig, random_rig, scatter, tie_points, tie_points_of
 
 from uw_recon_ros.rectify.parametrization import fundamental_and_jacobian
 from uw_recon_ros.rectify.quasi_euclidean import fit_quasi_euclidean

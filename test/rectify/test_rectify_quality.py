@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from rig_scenes import intrinsics, make_rig, scatter, tie_points, tie_points_of
+from helpers.rig_scenes import intrinsics, make_rig, scatter, tie_points, tie_points_of
 from scipy.spatial.transform import Rotation
 
 from uw_recon_ros.rectify import RectifyParams

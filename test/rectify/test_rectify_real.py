@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from rig_scenes import enhanced
+from helpers.rig_scenes import enhanced
 
 from uw_recon_ros.images import read_image
 from uw_recon_ros.rectify import Rectify, RectifyParams, RigTracker, TiePoints, estimate_rectification, find_tie_points

@@ -3,7 +3,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from rig_scenes import calibration_of, enhanced, make_rig, render, tie_points
+from helpers.rig_scenes import calibration_of, enhanced, make_rig, render, tie_points
 
 from uw_recon_ros.errors import ImageError
 from uw_recon_ros.rectify import (

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 import pytest
-from rig_scenes import Camera, distort, intrinsics
+from helpers.rig_scenes import Camera, distort, intrinsics
 from scipy.spatial.transform import Rotation
 
 from uw_recon_ros.rectify.views import View, distorted, undistorted

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
+from helpers.rig_scenes import intrinsics
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rig_scenes import intrinsics
 from scipy.spatial.transform import Rotation
 
 from uw_recon_ros.rectify.views import View

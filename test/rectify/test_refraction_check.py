@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from rig_scenes import calibration_of, make_rig, scatter, tie_points
+from helpers.rig_scenes import calibration_of, make_rig, scatter, tie_points
 
 from uw_recon_ros.findings import Code
 from uw_recon_ros.rectify import RectifyParams, TiePoints, rectification_from_calibration

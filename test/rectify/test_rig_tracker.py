@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rig_scenes import calibration_of, enhanced, make_rig, render
+from helpers.rig_scenes import calibration_of, enhanced, make_rig, render
 
 from uw_recon_ros.errors import CalibrationError, EstimationError, ImageError
 from uw_recon_ros.rectify import RectifyParams, RigTracker

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rig_scenes import calibration_of, make_rig, scatter
+from helpers.rig_scenes import calibration_of, make_rig, scatter
 
 from uw_recon_ros.findings import Code, Severity
 from uw_recon_ros.rectify import RectifyParams, TiePoints

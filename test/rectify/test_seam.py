@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rig_scenes import calibration_of, enhanced, make_rig, render
+from helpers.rig_scenes import calibration_of, enhanced, make_rig, render
 
 from uw_recon_ros.findings import Code
 from uw_recon_ros.rectify import RectifyParams, RigTracker

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from rig_scenes import enhanced, make_rig, render
+from helpers.rig_scenes import enhanced, make_rig, render
 
 from uw_recon_ros.errors import EstimationError
 from uw_recon_ros.preprocess.stage import Preprocess

@@ -4,9 +4,9 @@ import re
 
 import numpy as np
 import pytest
+from helpers.rig_scenes import make_rig, random_rig, rotated, scatter, tie_points, tie_points_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rig_scenes import make_rig, random_rig, rotated, scatter, tie_points, tie_points_of
 
 from uw_recon_ros.errors import EstimationError
 from uw_recon_ros.rectify import RectifyParams, TiePoints, estimate_rectification

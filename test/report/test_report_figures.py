@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from report_results import HEIGHT, WIDTH, depth_map, disparity_map, picture
+from helpers.report_results import HEIGHT, WIDTH, depth_map, disparity_map, picture
 
 from uw_recon_ros.report.colors import REASONS, ColorBar, color_table, colorize, reasons_in, robust_limits
 from uw_recon_ros.report.figures import (

@@ -15,7 +15,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from report_results import HEIGHT, WIDTH, depth_map, pair_results, picture, surface
+from helpers.report_results import HEIGHT, WIDTH, depth_map, pair_results, picture, surface
 
 from uw_recon_ros.report.embed import mesh_json, picture_uri, script_safe
 from uw_recon_ros.report.numbers import depth_errors, error_rows, matching_rows, measured, percent, time_rows

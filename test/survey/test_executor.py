@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from survey_tasks import die_if_seven, die_once, full_disk, process_number, square, threads
+from helpers.survey_tasks import die_if_seven, die_once, full_disk, process_number, square, threads
 
 from uw_recon_ros.survey.executor import LocalExecutor, Lost
 
@@ -80,12 +80,12 @@ def test_no_processes_are_refused(jobs: int) -> None:
 
 def test_processes_end_when_their_parent_is_killed(tmp_path: Path) -> None:
     code = (
-        "from survey_tasks import note_and_sleep\nfrom uw_recon_ros.survey.executor import LocalExecutor\n"
+        "from helpers.survey_tasks import note_and_sleep\nfrom uw_recon_ros.survey.executor import LocalExecutor\n"
         f"if __name__ == '__main__': list(LocalExecutor(1).run(note_and_sleep, [{str(tmp_path / 'pid')!r}]))\n"
     )
     script = tmp_path / "main.py"
     script.write_text(code)
-    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parent)}
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])}
     parent = subprocess.Popen([sys.executable, str(script)], env=environment)
     _until(lambda: (tmp_path / "pid").exists() and (tmp_path / "pid").read_text() != "")
     worker = int((tmp_path / "pid").read_text())

@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
-from dives import PARAMS, make_dive, recorded, with_half_a_camera
+from helpers.dives import PARAMS, make_dive, recorded, with_half_a_camera
+from helpers.ros_bench import Bench
 from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import CameraInfo, Image
 
 from uw_recon_ros.bags import RawMessage, messages, open_bag, write_bag
 from uw_recon_ros.cli import main
-from uw_recon_ros.pipeline import read_values
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "nodes"))
-
-from ros_bench import Bench
-from sensor_msgs.msg import CameraInfo, Image
-
 from uw_recon_ros.nodes.disparity_node import DisparityNode
 from uw_recon_ros.nodes.pipeline_node import OUTPUTS
 from uw_recon_ros.nodes.point_cloud_node import PointCloudNode
 from uw_recon_ros.nodes.preprocess_node import PreprocessNode
 from uw_recon_ros.nodes.rectify_node import RectifyNode
+from uw_recon_ros.pipeline import read_values
 
 FOUR = (PreprocessNode, RectifyNode, DisparityNode, PointCloudNode)
 FRAMES = 2

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from distributed import Client
-from dives import PARAMS, digests, make_dive
+from helpers.dives import PARAMS, digests, make_dive
 
 from uw_recon_ros.cli import main
 

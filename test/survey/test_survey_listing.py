@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 import zstandard
-from bag_makers import (
+from helpers.bag_makers import (
     MS,
     camera,
     chunk_offsets,

@@ -18,8 +18,8 @@ import laspy
 import numpy as np
 import pytest
 import trimesh
-from bag_makers import cut, write_mcap
-from dives import FRAMES, PARAMS, digests, make_dive, recorded, table, with_half_a_camera
+from helpers.bag_makers import cut, write_mcap
+from helpers.dives import FRAMES, PARAMS, digests, make_dive, recorded, table, with_half_a_camera
 
 from uw_recon_ros.bags import open_bag, write_bag
 from uw_recon_ros.cli import main

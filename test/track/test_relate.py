@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from track_scenes import GEOMETRY, bottom, descriptors, motion, seen
+from helpers.track_scenes import GEOMETRY, bottom, descriptors, motion, seen
 
 from uw_recon_ros import rigid
 from uw_recon_ros.track.bridge import bridge, make_relief

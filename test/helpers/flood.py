@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from graph_bench import Graph
-from ros_bench import color, infos, mono, texture
 from sensor_msgs.msg import CameraInfo, Image
+
+from helpers.graph_bench import Graph
+from helpers.ros_bench import color, infos, mono, texture
 
 SECOND = 1_000_000_000
 

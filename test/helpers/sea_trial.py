@@ -7,10 +7,10 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from graph_bench import FOUR, Graph
-from ros_bench import BANDS, BASELINE, FOCAL, banded_pair, color, infos, stamped
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
+from helpers.graph_bench import FOUR, Graph
+from helpers.ros_bench import BANDS, BASELINE, FOCAL, banded_pair, color, infos, stamped
 from uw_recon_ros.ros import messages
 
 SECOND = 1_000_000_000

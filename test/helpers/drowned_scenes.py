@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
+from drowned_pairs import STEREO, WATERS, drown, pairs
 from numpy.typing import NDArray
+from simulated_frames import rectified_frames
 
 from uw_recon_ros.images import to_gray
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmark"))
-
-from drowned_pairs import STEREO, WATERS, drown, pairs
-from simulated_frames import rectified_frames
 
 Image = NDArray[np.uint8]
 

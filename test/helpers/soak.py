@@ -6,8 +6,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from process_watch import Usage, mapped_segments, segments, usage
-from sea_trial import STEP, SeaTrial
+
+from helpers.process_watch import Usage, mapped_segments, segments, usage
+from helpers.sea_trial import STEP, SeaTrial
 
 #: Pairs on their way at a time: enough to keep every node busy, and none is overtaken.
 _UNDER_WAY = 2

@@ -13,12 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "nodes"))
-
 from diagnostic_msgs.msg import DiagnosticArray
-from ros_bench import Bench, meet
 from std_srvs.srv import Trigger
+
+from helpers.ros_bench import Bench, meet
 
 LIMIT_S = 900.0  # on hanging; no verdict on speed
 FOUR = ("preprocess_node", "rectify_node", "disparity_node", "point_cloud_node")

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import lz4.frame
 import zstandard
-from bag_makers import MS, camera, recording, write_mcap, write_rosbags
 from mcap.writer import CompressionType
 
+from helpers.bag_makers import MS, camera, recording, write_mcap, write_rosbags
 from uw_recon_ros.bags import RawMessage, messages
 
 CHUNK, MESSAGE, SCHEMA, CHANNEL, CHUNK_INDEX, STATISTICS = 6, 5, 3, 4, 8, 11
