@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 SHELL := /bin/sh
 export NO_COLOR
 
-.PHONY: help demo test test-fast test-matrix lint format bench bench-model docs bags warmup clean
+.PHONY: help demo test test-fast test-matrix lint format bench bench-model docs site bags warmup clean
 
 help:  ## what can be made
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -43,6 +43,9 @@ docs: $(VENV)/.ready  ## write config/PARAMETERS.md, default.yaml, docs/topics.m
 	$(BIN)/python tools/write_topics.py
 	$(BIN)/python tools/write_policy.py
 
+site: $(VENV)/.ready  ## the documents as pages to read in a browser: site/index.html, strict and offline
+	$(BIN)/python -m sphinx -q -E -W --keep-going -b html -d site/.cache docs site
+
 bags: $(VENV)/.ready  ## make the sample bags anew
 	$(BIN)/python bags/make_bags.py
 
@@ -50,4 +53,4 @@ warmup: $(VENV)/.ready  ## compile the kernels now rather than at the first call
 	$(BIN)/uw_recon warmup
 
 clean:  ## remove what was made, the virtual environment included
-	rm -rf $(VENV) .matrix demo_out bench_out build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .matrix demo_out bench_out site docs/_generated build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -16,6 +16,7 @@ MESSAGES = ["sensor-msgs", "stereo-msgs", "diagnostic-msgs", "std-srvs", "visual
 MESSAGES += ["rosgraph-msgs", "lifecycle-msgs"]
 DASK, LAZ = ["distributed>=2024.1"], ["laspy>=2.5", "lazrs>=0.5"]
 COMPLETION = ["argcomplete>=3"]
+DOCS = ["sphinx>=7.2", "myst-parser>=3", "furo>=2024.1.29"]
 TEST = [
     "pytest>=7.4",
     "pytest-xdist>=3",
@@ -86,7 +87,8 @@ setup(
         "laz": LAZ,
         "completion": COMPLETION,
         "test": TEST,
-        "dev": [*TEST, "ruff~=0.17.6", "mypy~=2.4.1", "scipy-stubs", "types-PyYAML", "types-tqdm"],
+        "docs": DOCS,
+        "dev": [*TEST, *DOCS, "ruff~=0.17.6", "mypy~=2.4.1", "scipy-stubs", "types-PyYAML", "types-tqdm"],
     },
     zip_safe=False,
     entry_points={

@@ -1,0 +1,95 @@
+"""Write the pages of the reference that follow from the code, for ``docs/conf.py``: commands, launch, codes."""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import contextlib
+import os
+import tokenize
+from collections.abc import Iterator
+from pathlib import Path
+from unittest import mock
+
+from uw_recon_ros import findings
+from uw_recon_ros.cli import VERBS, make_parser
+from uw_recon_ros.findings import Code
+
+COMMANDS = "Generated from the argument parsers: what `--help` prints.\n"
+LAUNCH_FILE = Path(__file__).resolve().parent.parent / "launch" / "uw_recon.launch.py"
+LAUNCH = """# Launch arguments
+
+Generated from `launch/uw_recon.launch.py`. `ros2 launch uw_recon_ros uw_recon.launch.py NAME:=VALUE ...`
+
+| name | default | what it is |
+| --- | --- | --- |
+"""
+CODES = """What is found, and every error, has a code. A text may change, a code may not: programs go by codes.
+In Python `Code.IMAGE_IDENTICAL` is `image.identical`, and so on. Generated from `uw_recon_ros.findings.Code`.
+
+| code | |
+| --- | --- |
+"""
+
+
+def parsers() -> dict[str, argparse.ArgumentParser]:
+    """The parser of each subcommand by name."""
+    (action,) = (action for action in make_parser()._actions if isinstance(action, argparse._SubParsersAction))
+    return dict(action.choices)
+
+
+def _command(name: str, text: str) -> str:
+    return f"\n## uw_recon {name}\n\n{VERBS[name].HELP[:1].upper()}{VERBS[name].HELP[1:]}.\n\n```\n{text}```\n"
+
+
+def commands_page() -> str:
+    """All subcommands with their arguments."""
+    with mock.patch.dict(os.environ, {"COLUMNS": "100", "NO_COLOR": "1"}):
+        return "# Commands\n\n" + COMMANDS + "".join(_command(name, p.format_help()) for name, p in parsers().items())
+
+
+def _launch_arguments() -> Iterator[list[str]]:
+    """Name, default and text of each argument; read, not imported: `launch` need not be there."""
+    for node in ast.walk(ast.parse(LAUNCH_FILE.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Argument":
+            yield [ast.literal_eval(argument) for argument in node.args[:3]]
+
+
+def launch_page() -> str:
+    """All arguments of the launch file."""
+    rows = (
+        f"| `{name}` | {f'`{default}`' if default else ''} | {about} |\n"
+        for name, default, about in _launch_arguments()
+    )
+    return LAUNCH + "".join(rows)
+
+
+def _remarks() -> Iterator[tuple[int, str]]:
+    """Comments ``#:`` of the module of codes, by line."""
+    with tokenize.open(str(findings.__file__)) as source:
+        for token in tokenize.generate_tokens(source.readline):
+            if token.type == tokenize.COMMENT and token.string.startswith("#:"):
+                yield token.start[0], token.string[2:].strip()
+
+
+def _lines_of_codes() -> dict[str, int]:
+    lines = Path(str(findings.__file__)).read_text(encoding="utf-8").splitlines()
+    return {line.split("=")[0].strip(): number for number, line in enumerate(lines, 1) if " = " in line}
+
+
+def codes_page() -> str:
+    """All codes, with what is remarked beside them."""
+    remarks, lines = dict(_remarks()), _lines_of_codes()
+    rows = (f"| `{code.value}` | {remarks.get(lines[code.name], '')} |\n" for code in Code)
+    return "# Codes of findings and errors\n\n" + CODES + "".join(rows)
+
+
+def write(folder: Path) -> None:
+    """Write all pages; those that are as they were keep their time, so that a second build is quick."""
+    folder.mkdir(exist_ok=True)
+    pages = {"commands.md": commands_page(), "launch.md": launch_page(), "codes.md": codes_page()}
+    for name, text in pages.items():
+        with contextlib.suppress(FileNotFoundError):
+            if (folder / name).read_text(encoding="utf-8") == text:
+                continue
+        (folder / name).write_text(text, encoding="utf-8")
