@@ -24,8 +24,11 @@ class Code(str, Enum):
     DATA = "data"
     ESTIMATION = "estimation"
     IMAGE = "image"
-    INTERNAL = "internal"  #: a fault of ours, not of the data
+    IMAGE_DEPTHS_DIFFER = "image.depths_differ"
     IMAGE_IDENTICAL = "image.identical"
+    IMAGE_KINDS_DIFFER = "image.kinds_differ"
+    IMAGE_SIZES_DIFFER = "image.sizes_differ"
+    INTERNAL = "internal"  #: a fault of ours, not of the data
     MESSAGE = "message"
     TRAJECTORY = "trajectory"
     YAML = "yaml"

@@ -241,6 +241,8 @@ class StereoPair:
     frame_id : str
         Left camera's optical frame.
     calibration : StereoCalibration or None
+    findings : tuple of Finding
+        What was done to make them of one kind.
     """
 
     left: RawImage
@@ -248,6 +250,7 @@ class StereoPair:
     stamp_ns: int = 0
     frame_id: str = ""
     calibration: StereoCalibration | None = None
+    findings: tuple[Finding, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,7 +266,7 @@ class EnhancedPair:
     stamp_ns, frame_id, calibration
         As in `StereoPair`.
     findings : tuple of Finding
-        Parts of either image that show no scene.
+        Parts of either image that show no scene, and what was told of the raw pair.
     """
 
     left: ByteImage

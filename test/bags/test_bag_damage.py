@@ -235,6 +235,6 @@ def test_pairs_with_a_broken_image_are_left_out_and_named(tmp_path: Path) -> Non
         damage = bag.damage
     assert damage[0].startswith("/left/image_raw: ")
     assert damage[1] == (
-        "pair at 200000000 ns left out: pair: expected two images of one size and type, "
-        "got 16x12 colour uint8 and 8x6 colour uint8"
+        "pair at 200000000 ns left out: pair: expected two images of one size, "
+        "got left 16x12 px colour 8 bits and right 8x6 px colour 8 bits: are both of one camera mode?"
     )

@@ -127,14 +127,18 @@ def no_calibration() -> CameraInfo:
 
 HEAD = messages.header(SECOND, FRAME)
 DEEP = messages.raw_image_message(LEFT.astype(np.uint16), "mono16", HEAD)
+DEEP_RIGHT = messages.raw_image_message(RIGHT.astype(np.uint16), "mono16", HEAD)
 BAD = {
     "camera_info of another size": (
         {"left_camera_info": CameraInfo(header=HEAD, width=9, height=9)},
         "the image's size 160x120, got 9x9",
     ),
     "no calibration": ({"left_camera_info": no_calibration()}, "focal lengths > 0"),
-    "images of two sizes": ({"right_image_rect": mono(RIGHT[:60], SECOND)}, "160x120 mono uint8 and 160x60 mono uint8"),
-    "16 bits": ({"left_image_rect": DEEP, "right_image_rect": DEEP}, "expected 8 bits a channel, got uint16"),
+    "images of two sizes": (
+        {"right_image_rect": mono(RIGHT[:60], SECOND)},
+        "got left 160x120 px mono 8 bits",
+    ),
+    "16 bits": ({"left_image_rect": DEEP, "right_image_rect": DEEP_RIGHT}, "expected 8 bits a channel, got uint16"),
 }
 
 

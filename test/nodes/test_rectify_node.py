@@ -257,7 +257,7 @@ def test_matching_images_of_another_size_are_refused(bench: Bench) -> None:
     upstream.connect()
     small = to_gray(LEFT)[::2, ::2]
     upstream.images(SECOND)
-    upstream.send(left__image_matching=mono(small, SECOND), right__image_matching=mono(small, SECOND))
+    upstream.send(left__image_matching=mono(small, SECOND), right__image_matching=mono(small[::-1], SECOND))
     bench.spin_until(lambda: node.diagnostics.drops)
     assert "matching images: expected 160x120 px, got 80x60 px" in node.diagnostics.tick("x").message
 

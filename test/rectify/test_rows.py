@@ -50,3 +50,10 @@ def test_what_could_not_be_checked_is_said():
     assert (finding.code, finding.severity) == (Code.RECTIFY_NOT_CHECKED, Severity.WARN)
     assert "3 features" in finding.text
     assert found.geometry.metric
+
+
+def test_a_tiny_image_is_not_held_to_what_tie_points_cannot_measure() -> None:
+    """0.1 px in 96x72 px is over a permille of the diagonal, and within what features are placed to."""
+    small = RowAgreement(median_px=0.1, p95_px=0.3, noise_px=0.0, points=25, diagonal_px=120.0)
+    assert not small.unreliable(RectifyParams())
+    assert replace(small, median_px=0.3).unreliable(RectifyParams())

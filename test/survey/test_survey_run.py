@@ -255,9 +255,12 @@ def test_half_a_camera_is_told_on_every_door(room: Path, tmp_path: Path, capsys:
     arguments_ = [word for word in arguments(room, tmp_path / "out", dive="half") if word != "--quiet"]
     assert main(arguments_) == 0
     rows = table(tmp_path / "out" / "frames.csv")
-    assert [row["warnings"] for row in rows] == ["", "region.dead", *[""] * (FRAMES - 3), "region.frozen"]
+    regions = [[code for code in row["warnings"].split() if code.startswith("region.")] for row in rows]
+    assert regions == [[], ["region.dead"], *[[]] * (FRAMES - 3), ["region.frozen"]]
+    assert not any("rectify.rows_disagree" in row["warnings"] for row in rows)
     made = json.loads((tmp_path / "out" / "report.json").read_text())
-    assert [(w["code"], w["frames"], w["first_frame"]) for w in made["warnings"]] == [
+    of_regions = [w for w in made["warnings"] if w["code"].startswith("region.")]
+    assert [(w["code"], w["frames"], w["first_frame"]) for w in of_regions] == [
         ("region.dead", 1, 1), ("region.frozen", 1, FRAMES - 1)
     ]  # fmt: skip
     said = capsys.readouterr().err
@@ -270,7 +273,7 @@ def test_half_a_camera_is_told_on_every_door(room: Path, tmp_path: Path, capsys:
     assert not valid[40:].any()
     last = ["--start", str((broken[-1].stamp_ns - broken[0].stamp_ns) / 1e9 - 0.01)]
     assert main([*arguments(room, tmp_path / "last", dive="half"), *last]) == 0
-    assert [row["warnings"] for row in table(tmp_path / "last" / "frames.csv")] == ["region.frozen"]
+    assert all(row["warnings"].startswith("region.frozen") for row in table(tmp_path / "last" / "frames.csv"))
 
 
 def test_a_bag_cut_short_is_surveyed_as_far_as_it_goes(room: Path, tmp_path: Path) -> None:

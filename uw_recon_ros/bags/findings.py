@@ -29,6 +29,8 @@ class EyeInfo:
         Of the first image; a CompressedImage's format.
     width, height : int
         Of the first image, px; 0 when it cannot be decoded.
+    kind : str
+        Of the first image, as ``colour, 8 bits``; empty when it cannot be decoded.
     odd : int
         Images of another size or encoding than the first.
     problem : str
@@ -44,6 +46,7 @@ class EyeInfo:
     encoding: str = ""
     width: int = 0
     height: int = 0
+    kind: str = ""
     odd: int = 0
     problem: str = ""
     rectified: bool = False

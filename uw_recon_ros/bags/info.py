@@ -103,9 +103,12 @@ def _describe_first(eye: EyeInfo, image: Any) -> None:
     eye.frame_id = plain(image.header.frame_id)
     eye.encoding = plain(getattr(image, "encoding", "") or getattr(image, "format", ""))
     try:
-        eye.height, eye.width = messages.image_from_message(image).shape[:2]
+        shown = messages.image_from_message(image)
     except ReconError as error:
         eye.problem = str(error)
+        return
+    eye.height, eye.width = shown.shape[:2]
+    eye.kind = f"{'colour' if shown.ndim == 3 else 'mono'}, {8 * shown.itemsize} bits"
 
 
 def _differs(eye: EyeInfo, image: Any) -> bool:

@@ -13,6 +13,7 @@ from uw_recon_ros.bags.model import RawMessage, TopicInfo
 from uw_recon_ros.calibration import camera_from_info
 from uw_recon_ros.calibration.rectified import as_rectified, came_rectified, named_rectified
 from uw_recon_ros.errors import BagError, CalibrationError, ImageError, ReconError
+from uw_recon_ros.image_pair import as_pair
 from uw_recon_ros.pairing import Synchronizer
 from uw_recon_ros.types import CameraModel, StereoCalibration, StereoPair
 
@@ -188,20 +189,13 @@ def make_pair(left: Any, right: Any, calibration: StereoCalibration | None) -> S
     Raises
     ------
     ImageError
-        Naming the eye.
+        Naming the eye, or what `as_pair` refuses.
     """
     arrays = []
     for eye, message in (("left", left), ("right", right)):
         try:
             arrays.append(messages.image_from_message(message))
         except ReconError as error:
-            raise ImageError(f"{eye} image: {error}") from error
-    if arrays[0].shape != arrays[1].shape or arrays[0].dtype != arrays[1].dtype:
-        raise ImageError(
-            f"pair: expected two images of one size and type, got {_shape(arrays[0])} and {_shape(arrays[1])}"
-        )
-    return StereoPair(arrays[0], arrays[1], messages.stamp_ns(left), str(left.header.frame_id), calibration)
-
-
-def _shape(image: Any) -> str:
-    return f"{image.shape[1]}x{image.shape[0]}{' colour' if image.ndim == 3 else ''} {image.dtype}"
+            raise ImageError(f"{eye} image: {error}", error.code) from error
+    first, second, findings = as_pair(*arrays)
+    return StereoPair(first, second, messages.stamp_ns(left), str(left.header.frame_id), calibration, findings)

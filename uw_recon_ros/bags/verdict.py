@@ -80,6 +80,8 @@ def _reasons(info: BagInfo, calibration_problem: str) -> Iterator[str]:
         return
     if not (left.problem or right.problem) and (left.width, left.height) != (right.width, right.height):
         yield f"the eyes differ in size: {left.width}x{left.height} and {right.width}x{right.height} px"
+    if left.kind and right.kind and left.kind.split(", ")[1] != right.kind.split(", ")[1]:
+        yield f"the eyes differ in depth: left {left.kind}, right {right.kind}"
     if not info.pairs:
         off = f"the nearest differ by {1e3 * info.stamp_offset_s:.1f} ms (median)"
         yield f"no left and right image have one stamp: {off}; allow a tolerance if they belong together"
@@ -99,6 +101,8 @@ def _warnings(info: BagInfo, calibration_problem: str) -> Iterator[str]:
             yield f"{eye.topic}: all stamps are zero"
         if eye.odd:
             yield f"{eye.topic}: {eye.odd} images differ from the first in size or encoding, or are incomplete"
+    if info.left and info.right and info.left.kind and info.right.kind and info.left.kind != info.right.kind:
+        yield f"left is {info.left.kind}, right is {info.right.kind}: both are taken as gray where the bits agree"
     if info.gaps:
         yield f"{info.gaps} gaps in the pairs, the longest {info.largest_gap_s:.2f} s"
     if info.calibration in ("none", "zero", "consistent") and info.left is not None:

@@ -131,8 +131,9 @@ class Preprocess:
             to_match = both(_bytes, self._to_match(both, unit, clean, filtered))
             left_matching, right_matching = both(mark_unseen, to_match, masks)
         return EnhancedPair(
-            left, right, left_matching, right_matching, pair.stamp_ns, pair.frame_id, pair.calibration, regions.findings
-        )
+            left, right, left_matching, right_matching, pair.stamp_ns, pair.frame_id, pair.calibration,
+            pair.findings + regions.findings,
+        )  # fmt: skip
 
     def _without_moire(self, image: FloatImage) -> FloatImage:
         """Step 1."""

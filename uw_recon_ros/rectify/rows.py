@@ -20,6 +20,7 @@ from uw_recon_ros.types import Matrix
 _FEWEST = 12  # points that a surface of seven unknowns is fitted to
 _ITERATIONS = 10
 _SMALLEST_PX = 1e-3
+_FINEST_PX = 0.2  # tie points are not placed better, however small the image
 
 
 @dataclass(frozen=True)
@@ -53,9 +54,10 @@ class RowAgreement:
         return cls(median, p95, noise, len(tie_points), math.hypot(tie_points.width, tie_points.height))
 
     def limit_px(self, params: RectifyParams) -> float:
-        """Median over which a pair is marked: of the image's size or of the noise, whichever is larger."""
+        """Median over which a pair is marked: of the image's size, of the noise, or 0.2 px: the largest."""
         noise = 0.0 if math.isnan(self.noise_px) else self.noise_px
-        return max(1e-3 * params.row_unreliable_permille * self.diagonal_px, params.row_unreliable_noise * noise)
+        of_size = 1e-3 * params.row_unreliable_permille * self.diagonal_px
+        return max(of_size, params.row_unreliable_noise * noise, _FINEST_PX)
 
     def withheld(self, params: RectifyParams) -> bool:
         """Whether metres of such a pair are not given out."""

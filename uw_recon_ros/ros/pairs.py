@@ -11,6 +11,8 @@ from sensor_msgs.msg import CameraInfo, Image
 from uw_recon_ros.bounds import LARGEST_PIXELS
 from uw_recon_ros.calibration import camera_from_info
 from uw_recon_ros.errors import ImageError
+from uw_recon_ros.findings import Finding
+from uw_recon_ros.image_pair import as_pair
 from uw_recon_ros.images import to_gray
 from uw_recon_ros.messages.headers import stamp_ns
 from uw_recon_ros.messages.images import image_from_message
@@ -37,21 +39,22 @@ def raw_pair(
     ImageError
         An image cannot be read, or the two are not of one size and type.
     """
-    left, right = _two_images(group, "left", "right", most_pixels)
-    return StereoPair(left, right, stamp_ns(group["left"]), group["left"].header.frame_id, calibration)
+    left, right, findings = _two_images(group, "left", "right", most_pixels)
+    return StereoPair(left, right, stamp_ns(group["left"]), group["left"].header.frame_id, calibration, findings)
 
 
 def enhanced_pair(group: Group, calibration: StereoCalibration | None) -> EnhancedPair:
     """Decode ``left``, ``right`` and, where they came, ``left_matching``, ``right_matching``."""
-    left, right = (as_color(image) for image in _two_images(group, "left", "right"))
+    first, second, findings = _two_images(group, "left", "right")
+    left, right = as_color(first), as_color(second)
     if "left_matching" in group and "right_matching" in group:
-        matching = _two_images(group, "left_matching", "right_matching")
+        *matching, _ = _two_images(group, "left_matching", "right_matching")
         expect_size("matching images", matching[0], left)
     else:
-        matching = to_gray(left), to_gray(right)
+        matching = [to_gray(left), to_gray(right)]
     return EnhancedPair(
         left, right, as_mono(matching[0]), as_mono(matching[1]),
-        stamp_ns(group["left"]), group["left"].header.frame_id, calibration,
+        stamp_ns(group["left"]), group["left"].header.frame_id, calibration, findings,
     )  # fmt: skip
 
 
@@ -62,7 +65,8 @@ def rectified_pair(group: Group) -> RectifiedPair:
     ------
     ImageError, CalibrationError
     """
-    left, right = (as_mono(image) for image in _two_images(group, "left", "right"))
+    first, second, _ = _two_images(group, "left", "right")  # gray in any case
+    left, right = as_mono(first), as_mono(second)
     infos = group["left_info"], group["right_info"]
     for info in infos:
         check_size(info, left.shape)
@@ -115,18 +119,17 @@ def _expect_bytes(image: RawImage) -> None:
         raise ImageError(f"image: expected 8 bits a channel, got {image.dtype}")
 
 
-def _two_images(group: Group, left: str, right: str, most_pixels: int = LARGEST_PIXELS) -> tuple[RawImage, RawImage]:
-    images = _decode(left, group[left], most_pixels), _decode(right, group[right], most_pixels)
-    if images[0].shape != images[1].shape or images[0].dtype != images[1].dtype:
-        raise ImageError(f"pair: expected two images of one size and type, got {_say(images[0])} and {_say(images[1])}")
-    return images
+def _two_images(
+    group: Group, left: str, right: str, most_pixels: int = LARGEST_PIXELS
+) -> tuple[RawImage, RawImage, tuple[Finding, ...]]:
+    return as_pair(_decode(left, group[left], most_pixels), _decode(right, group[right], most_pixels))
 
 
 def _decode(name: str, message: Any, most_pixels: int) -> RawImage:
     try:
         return image_from_message(message, most_pixels)
     except ImageError as error:
-        raise ImageError(f"{name} image: {error}") from error
+        raise ImageError(f"{name} image: {error}", error.code) from error
 
 
 def expect_size(name: str, got: NDArray[Any], expected: NDArray[Any]) -> None:
@@ -134,7 +137,3 @@ def expect_size(name: str, got: NDArray[Any], expected: NDArray[Any]) -> None:
     if got.shape[:2] != expected.shape[:2]:
         sizes = [f"{array.shape[1]}x{array.shape[0]} px" for array in (expected, got)]
         raise ImageError(f"{name}: expected {sizes[0]}, got {sizes[1]}")
-
-
-def _say(image: RawImage) -> str:
-    return f"{image.shape[1]}x{image.shape[0]} {'colour' if image.ndim == 3 else 'mono'} {image.dtype}"

@@ -12,6 +12,7 @@ from uw_recon_ros.bags import BagReader, RawMessage, messages, open_bag
 from uw_recon_ros.bags.pack import LEFT_FRAME
 from uw_recon_ros.bags.stereo import make_pair
 from uw_recon_ros.errors import BagError, ImageError
+from uw_recon_ros.image_pair import as_pair
 from uw_recon_ros.images import read_image
 from uw_recon_ros.survey.pair_index import Frame, Place
 from uw_recon_ros.survey.sources import Source
@@ -92,9 +93,6 @@ def _pick(found: list[RawMessage], place: Place) -> RawMessage:
 
 
 def _read_stills(frame: Frame, calibration: StereoCalibration | None) -> StereoPair:
-    left, right = read_image(frame.left.name), read_image(frame.right.name)
-    if left.shape != right.shape or left.dtype != right.dtype:
-        sizes = " and ".join(f"{image.shape[1]}x{image.shape[0]} {image.dtype}" for image in (left, right))
-        raise ImageError(f"pair: expected two images of one size and type, got {sizes}")
+    left, right, findings = as_pair(read_image(frame.left.name), read_image(frame.right.name))
     frame_id = (calibration.left.frame_id if calibration else "") or LEFT_FRAME
-    return StereoPair(left, right, frame.stamp_ns, frame_id, calibration)
+    return StereoPair(left, right, frame.stamp_ns, frame_id, calibration, findings)
