@@ -2,17 +2,33 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 
+from uw_recon_ros.ros.diagnostics import Diagnostics
+from uw_recon_ros.ros.inputs import Inputs
 from uw_recon_ros.ros.qos import profile
-
-if TYPE_CHECKING:
-    from uw_recon_ros.ros.node import StageNode
+from uw_recon_ros.ros.session import Session
 
 _PERIOD_S = 1.0
+
+
+class Reported(Protocol):
+    """What is told of a node; a node has it all."""
+
+    diagnostics: Diagnostics
+    inputs: Inputs
+    trouble: str
+
+    @property
+    def session(self) -> Session[Any] | None:
+        """Its session, while configured."""
+
+    @property
+    def state(self) -> str:
+        """Of the lifecycle."""
 
 
 class Reporter:
@@ -20,27 +36,28 @@ class Reporter:
 
     Parameters
     ----------
-    node : StageNode
+    node : Reported and rclpy's Node
     """
 
-    def __init__(self, node: StageNode[Any]) -> None:
-        self._node = node
+    def __init__(self, node: Any) -> None:
+        self._ros: Any = node
+        self._node: Reported = node
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", profile())
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(_PERIOD_S, self._report, clock=steady)
 
     def _report(self) -> None:
-        node, session = self._node, self._node.session
+        node, ros, session = self._node, self._ros, self._node.session
         warming, busy, listeners = False, False, dict[str, int]()
         if session is not None:
             busy = session.busy
             warming, listeners = session.warm_up.running, session.outputs.listeners()
             node.diagnostics.say(warm_up="running" if warming else "done")
             if (news := session.warm_up.news()) is not None:
-                node.get_logger().info(news)
+                ros.get_logger().info(news)
         node.diagnostics.connect(node.inputs.publishers(), listeners)
         note = "warming up: compiling" if warming else ""
-        status = node.diagnostics.tick(node.get_fully_qualified_name(), node.state, note, node.trouble, busy=busy)
+        status = node.diagnostics.tick(ros.get_fully_qualified_name(), node.state, note, node.trouble, busy=busy)
         message = DiagnosticArray(status=[status])
-        message.header.stamp = node.get_clock().now().to_msg()
+        message.header.stamp = ros.get_clock().now().to_msg()
         self._publisher.publish(message)

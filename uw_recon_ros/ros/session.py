@@ -9,20 +9,42 @@ from __future__ import annotations
 import time
 import traceback
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 from uw_recon_ros.errors import ReconError
-from uw_recon_ros.ros.diagnostics import DEACTIVATED, SUPERSEDED
+from uw_recon_ros.ros.diagnostics import DEACTIVATED, SUPERSEDED, Diagnostics
 from uw_recon_ros.ros.message_groups import Group
 from uw_recon_ros.ros.outputs import Outputs, Publishers
 from uw_recon_ros.ros.worker import Worker
 
-if TYPE_CHECKING:
-    from uw_recon_ros.ros.node import StageNode
-
 S = TypeVar("S")
+Taken = TypeVar("Taken", contravariant=True)
 _LONGEST_LATENCY_S = 3600.0
 _WORTH_TELLING_S = 2.0
+
+
+class Host(Protocol[Taken]):
+    """What a session needs of the node it belongs to."""
+
+    diagnostics: Diagnostics
+
+    def get_name(self) -> str:
+        """Name of the node."""
+
+    def get_clock(self) -> Any:
+        """Its clock."""
+
+    def warn(self, key: str, text: str) -> None:
+        """Log a warning, not too often."""
+
+    def warm_up(self, stage: Taken) -> None:
+        """Prepare a stage for its first frame."""
+
+    def work(self, stage: Taken, group: Group, outputs: Outputs) -> int:
+        """Work on one group; return its stamp, ns."""
+
+    def finished(self, stage: Taken, took_s: float) -> None:
+        """Hear how long a frame took."""
 
 
 class WarmUp:
@@ -60,7 +82,7 @@ class Session(Generic[S]):
 
     Parameters
     ----------
-    node : StageNode
+    node : Host
     stage : object
         What `StageNode.build` made.
     publishers : Publishers
@@ -74,7 +96,7 @@ class Session(Generic[S]):
     warm_up : WarmUp
     """
 
-    def __init__(self, node: StageNode[S], stage: S, publishers: Publishers) -> None:
+    def __init__(self, node: Host[S], stage: S, publishers: Publishers) -> None:
         self._node, self._diagnostics, self._publishers = node, node.diagnostics, publishers
         self.stage = stage
         self.outputs = Outputs(publishers, self._diagnostics)
