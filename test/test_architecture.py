@@ -27,6 +27,8 @@ NODE_PARAMS = {"node_params", "catalogue"}
 OFFLINE = NOUNS | STAGE_ROOMS | NODE_PARAMS | {"pipeline"}
 MAY_IMPORT = {
     **dict.fromkeys(NOUNS, NOUNS),
+    "": OFFLINE | {"api"},
+    "api": OFFLINE | {"given_pair", "bags"},
     **{room: NOUNS | {room} for room in STAGE_ROOMS},
     "node_params": NOUNS,
     "catalogue": NOUNS | STAGE_ROOMS | NODE_PARAMS,

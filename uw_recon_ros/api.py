@@ -1,0 +1,203 @@
+"""The front door for Python: one short function each for what the stages, files and recordings give.
+
+All of it is offered by the package itself, loaded when it is asked for: ``import uw_recon_ros as uw``. Images are
+mono (H, W) or RGB (H, W, 3) arrays of uint8 or uint16; of the latter 10, 12 or all 16 bits may be in use.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+from uw_recon_ros.bags.reader import BagReader, open_bag
+from uw_recon_ros.given_pair import ready_to_match, stereo_pair
+from uw_recon_ros.match.stage import Match, MatchParams
+from uw_recon_ros.pairing import PAIR_TOLERANCE_MS
+from uw_recon_ros.pipeline import Pipeline, PipelineParams, Products, read_values
+from uw_recon_ros.types import EnhancedPair, Matches, RawImage, RectifiedPair, StereoCalibration, StereoPair
+
+
+def enhance_pair(left: RawImage, right: RawImage, params: PipelineParams | None = None) -> EnhancedPair:
+    """Enhance two raw images (paper 2.1), both by the same statistics.
+
+    Parameters
+    ----------
+    left, right : (H, W) or (H, W, 3) uint8 or uint16
+    params : PipelineParams or None
+        None: the defaults.
+
+    Returns
+    -------
+    EnhancedPair
+        ``left`` and ``right`` to look at, (H, W, 3) uint8; ``left_matching`` and ``right_matching`` to match.
+
+    Raises
+    ------
+    ImageError
+        The images are not a pair.
+    """
+    return reconstruct_pair(left, right, params=params).enhanced
+
+
+def rectify_pair(
+    left: RawImage,
+    right: RawImage,
+    calibration: StereoCalibration | None = None,
+    params: PipelineParams | None = None,
+) -> RectifiedPair:
+    """Enhance two raw images and bring matching pixels onto common rows (paper 2.2).
+
+    Parameters
+    ----------
+    left, right : (H, W) or (H, W, 3) uint8 or uint16
+    calibration : StereoCalibration or None
+        Of the rig, in water; None: the geometry is estimated from the images, and the scale stays unknown.
+    params : PipelineParams or None
+
+    Returns
+    -------
+    RectifiedPair
+        ``quality.warnings`` says what to be careful about.
+
+    Raises
+    ------
+    ImageError, CalibrationError, EstimationError
+        What the images or the calibration did not allow, with the numbers.
+    """
+    return reconstruct_pair(left, right, calibration, params).rectified
+
+
+def match_pair(
+    left: RawImage,
+    right: RawImage,
+    max_disparity: int | None = None,
+    *,
+    min_disparity: int | None = None,
+    params: MatchParams | None = None,
+) -> Matches:
+    """Match two images that are rectified already, side by side (paper 2.3); needs no cameras.
+
+    Parameters
+    ----------
+    left, right : (H, W) or (H, W, 3) uint8 or uint16
+    max_disparity, min_disparity : int or None
+        Limits of ``u_left - u_right``, inclusive, px. None: what `params` say, by default found from the images.
+    params : MatchParams or None
+
+    Returns
+    -------
+    Matches
+        Disparity, its standard deviation and status, each (H, W); ``findings`` says what is doubtful about the images.
+
+    Raises
+    ------
+    ImageError
+        The images are not a pair.
+    EstimationError
+        They are exchanged, show nothing, or do not show the limits.
+    ValueError
+        The limits leave nothing.
+    """
+    chosen = params or MatchParams()
+    low = chosen.min_disparity if min_disparity is None else min_disparity
+    high = chosen.max_disparity if max_disparity is None else max_disparity
+    chosen = replace(chosen, min_disparity=low, max_disparity=high)
+    ready, findings = ready_to_match(stereo_pair(left, right), chosen.min_disparity)
+    found, _ = Match(chosen).images(ready)
+    return replace(found, findings=findings)
+
+
+def reconstruct_pair(
+    left: RawImage,
+    right: RawImage,
+    calibration: StereoCalibration | None = None,
+    params: PipelineParams | None = None,
+) -> Products:
+    """Reconstruct one pair: each product is made when it is first asked for.
+
+    For pairs of one rig in a row, `Pipeline` remembers what it has learnt of the rig.
+
+    Parameters
+    ----------
+    left, right : (H, W) or (H, W, 3) uint8 or uint16
+    calibration : StereoCalibration or None
+        As in `rectify_pair`.
+    params : PipelineParams or None
+
+    Returns
+    -------
+    Products
+        ``enhanced``, ``rectified``, ``disparity``, ``depth``, ``cloud``, ``thinned``, ``surface``, ``findings``.
+
+    Raises
+    ------
+    ImageError
+        The images are not a pair. Products raise what else the images or the calibration did not allow.
+    """
+    return Pipeline(params or PipelineParams()).begin(stereo_pair(left, right, calibration))
+
+
+def read_parameters(path: str | Path) -> PipelineParams:
+    """Read a ROS parameter file as the nodes would.
+
+    Raises
+    ------
+    TypeError, ValueError
+        The file cannot be read, is no parameter file, or a value or name is refused.
+    """
+    return PipelineParams.from_mapping(read_values(path))
+
+
+def open_recording(path: str | Path) -> BagReader:
+    """Open a bag: MCAP or sqlite3, file or folder, damaged ones as far as they can be read. A context manager.
+
+    Raises
+    ------
+    BagError
+        Nothing in it can be read.
+    """
+    return open_bag(path)
+
+
+def pairs(
+    recording: str | Path,
+    left_topic: str | None = None,
+    right_topic: str | None = None,
+    *,
+    tolerance_ms: float = PAIR_TOLERANCE_MS,
+    calibration: StereoCalibration | None = None,
+) -> Iterator[StereoPair]:
+    """Stereo pairs of a bag in the order of time, paired by stamp as the nodes pair them.
+
+    Parameters
+    ----------
+    recording : path
+    left_topic, right_topic : str or None
+        Image topics; None: found by type and name.
+    tolerance_ms : float
+        Largest difference of stamps within a pair, ms.
+    calibration : StereoCalibration or None
+        Instead of what the bag's CameraInfo says.
+
+    Yields
+    ------
+    StereoPair
+
+    Warns
+    -----
+    UserWarning
+        At the end, for each part of the bag that could not be read.
+
+    Raises
+    ------
+    BagError
+        Nothing in it can be read, or it has no two image topics that fit.
+    """
+    with open_bag(recording) as bag:
+        yield from bag.stereo_pairs(
+            left_topic, right_topic, tolerance_ns=round(tolerance_ms * 1e6), calibration=calibration
+        )
+        for sentence in bag.damage:
+            warnings.warn(f"{recording}: {sentence}", stacklevel=2)
