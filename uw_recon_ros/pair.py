@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from uw_recon_ros.calibration import read_calibration
+from uw_recon_ros.calibration.judge import judge_depths
 from uw_recon_ros.errors import EstimationError, ReconError
 from uw_recon_ros.evaluate import check_disparity_format, write_disparity, write_pfm
 from uw_recon_ros.findings import Code, Severity, severe, worst
@@ -48,7 +49,7 @@ def _finite(value: float) -> float | None:
 
 def _report(result: Products) -> Report:
     quality, disparity = result.rectified.quality, result.disparity
-    findings = severe(result.enhanced.findings) + quality.warnings
+    findings = severe(result.enhanced.findings) + quality.warnings + judge_depths(result.depth)
     return {
         "rectification": {
             "method": quality.method,

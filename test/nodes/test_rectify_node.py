@@ -26,7 +26,7 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image
 
 from uw_recon_ros.images import to_gray
-from uw_recon_ros.nodes.rectify_node import RectifyNode
+from uw_recon_ros.nodes.rectify_node import RectifyNode, came_rectified_to
 from uw_recon_ros.rectify.stage import Rectify, RectifyParams
 from uw_recon_ros.rectify.tracker import RigTracker
 from uw_recon_ros.ros import messages
@@ -105,6 +105,27 @@ def test_a_calibrated_pair(bench: Bench) -> None:
     geometry = geometry_from_infos(left, right)
     assert geometry.metric
     assert geometry.offset_px == pytest.approx(expected.geometry.offset_px)
+
+
+@pytest.mark.parametrize(("told", "expected"), [("auto", "yes"), ("no", "no")])
+def test_rectified_cameras_are_known_by_the_topic_remapped_to(bench: Bench, told: str, expected: str) -> None:
+    remap = {f"{side}/image_raw": f"/stereo/{side}/image_rect_color" for side in ("left", "right")}
+    node = bench.start(RectifyNode, remap=remap, images_rectified=told)
+    heard = bench.listen(CameraInfo, "rectified/left/camera_info")
+    upstream = Upstream(bench)
+    upstream.connect()
+    left, right = infos(SECOND)
+    for info in (left, right):  # of the raw camera: rectified by it, the images would be other ones
+        info.k[0], info.k[4], info.d = 1.2 * info.k[0], 1.2 * info.k[4], [-0.1, 0.0, 0.0, 0.0, 0.0]
+    right.d[0] = -0.11
+    upstream.send(left__camera_info=left, right__camera_info=right)
+    upstream.images(5 * SECOND)
+    bench.spin_until(lambda: heard)
+    assert came_rectified_to(node, RectifyParams(images_rectified=told)) == (expected == "yes",) * 2
+    as_it_came = (heard[0].width, heard[0].height) == (WIDTH, HEIGHT)
+    assert as_it_came == (expected == "yes")
+    if as_it_came:
+        np.testing.assert_allclose(heard[0].p, left.p)
 
 
 def test_the_matching_images_are_taken_where_they_are_published(bench: Bench) -> None:
@@ -201,7 +222,7 @@ def spoiled(**fields: Any) -> CameraInfo:
 
 BAD_INFOS = {
     "nan": (spoiled(k=np.full(9, math.nan)), "K: expected 9 finite numbers"),
-    "another size": (spoiled(width=2 * WIDTH), "size"),
+    "another size": (spoiled(width=2 * WIDTH), "expected 160x120 px as the images"),
     "exchanged": (spoiled(p=np.array([150.0, 0, 79.5, 15, 0, 150, 59.5, 0, 0, 0, 1, 0])), "exchange"),
     "unknown distortion": (spoiled(distortion_model="magic", d=[1.0, 2.0]), "magic"),
     "other focal length": (spoiled(p=np.array([170.0, 0, 79.5, -15, 0, 150, 59.5, 0, 0, 0, 1, 0])), "150 and"),

@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from uw_recon_ros.bags.model import TopicInfo
+from uw_recon_ros.findings import Finding
 
 CalibrationState = Literal["none", "zero", "inconsistent", "consistent", "metric"]
 
@@ -83,6 +84,8 @@ class BagInfo:
         No CameraInfo; all zeros; contradictory; without scale; with scale.
     baseline_m : float
         NaN unless `calibration` is ``metric``.
+    calibration_findings : tuple of Finding
+        What is wrong with it, by codes.
     damage : tuple of str
         What could not be read.
     reasons : tuple of str
@@ -104,6 +107,7 @@ class BagInfo:
     stamp_offset_s: float = float("nan")
     calibration: CalibrationState = "none"
     baseline_m: float = float("nan")
+    calibration_findings: tuple[Finding, ...] = ()
     damage: tuple[str, ...] = ()
     reasons: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
@@ -119,6 +123,7 @@ class BagInfo:
         for name in ("left", "right"):
             if found[name] is not None:
                 found[name]["images"] = len(found[name].pop("stamps_ns"))
+        found["calibration_findings"] = [finding.as_dict() for finding in self.calibration_findings]
         nan = {name: None for name, value in found.items() if isinstance(value, float) and not math.isfinite(value)}
         return found | nan
 

@@ -79,12 +79,12 @@ def _inspect(bag: BagReader, topics: StereoTopics, tolerance_ns: int, rectified:
         except BagError as error:
             bag.note(str(error))
     numbers = _pair_numbers(eyes[0].stamps_ns, eyes[1].stamps_ns, tolerance_ns)
-    state, baseline, problem = judge_calibration(infos, (eyes[0].width, eyes[0].height))
+    state, baseline, findings = judge_calibration(infos, (eyes[0].width, eyes[0].height))
     found = BagInfo(
         str(bag.path), bag.start_ns, bag.end_ns, tuple(bag.topics), *eyes, **numbers, calibration=state,
-        baseline_m=baseline, damage=tuple(bag.damage),
+        baseline_m=baseline, calibration_findings=findings, damage=tuple(bag.damage),
     )  # fmt: skip
-    return judge(found, problem, changes=max(cache.changes for cache in infos))
+    return judge(found, changes=max(cache.changes for cache in infos))
 
 
 def _image_taker(eye: EyeInfo) -> Callable[[RawMessage], None]:

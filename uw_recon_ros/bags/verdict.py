@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from uw_recon_ros.bags.findings import BagInfo, CalibrationState
 from uw_recon_ros.bags.stereo import CameraInfoCache
 from uw_recon_ros.calibration import judge as judge_numbers
-from uw_recon_ros.findings import Code
+from uw_recon_ros.findings import Code, Finding, Severity
 from uw_recon_ros.types import CameraModel, StereoCalibration
 
 _FEW = 0.9  # share of images that should have partners
@@ -18,7 +18,7 @@ _NAN = float("nan")
 
 def judge_calibration(
     infos: tuple[CameraInfoCache, CameraInfoCache], size: tuple[int, int]
-) -> tuple[CalibrationState, float, str]:
+) -> tuple[CalibrationState, float, tuple[Finding, ...]]:
     """State, baseline in m, and what is wrong.
 
     Parameters
@@ -31,36 +31,42 @@ def judge_calibration(
     left, right = infos
     if not (left.seen and right.seen):
         missing = " and ".join(n for n, cache in (("left", left), ("right", right)) if not cache.seen)
-        return "none", _NAN, f"no CameraInfo of the {missing} eye"
+        return "none", _NAN, (_none(f"no CameraInfo of the {missing} eye"),)
     for name, cache in (("left", left), ("right", right)):
         if cache.problem is not None:
             zero = cache.problem.code == Code.CALIBRATION_NOT_CALIBRATED
-            return "zero" if zero else "inconsistent", _NAN, f"{name} CameraInfo: {cache.problem}"
+            found = Finding(cache.problem.code, f"{name} CameraInfo: {cache.problem}", Severity.REFUSED)
+            return "zero" if zero else "inconsistent", _NAN, (found,)
     if left.camera is None or right.camera is None:
-        return "none", _NAN, "no CameraInfo that can be read"
+        return "none", _NAN, (_none("no CameraInfo that can be read"),)
     return _judge_cameras(left.camera, right.camera, size)
 
 
-def _judge_cameras(left: CameraModel, right: CameraModel, size: tuple[int, int]) -> tuple[CalibrationState, float, str]:
+def _none(text: str) -> Finding:
+    return Finding(Code.CALIBRATION_NONE, text, Severity.WARN)
+
+
+def _judge_cameras(
+    left: CameraModel, right: CameraModel, size: tuple[int, int]
+) -> tuple[CalibrationState, float, tuple[Finding, ...]]:
     judgement = judge_numbers.judge_calibration(StereoCalibration(left, right), size if size[0] else None)
-    said = "; ".join(str(finding) for finding in judgement.findings)
     if judgement.refusal is not None:
-        return "inconsistent", _NAN, str(judgement.refusal)
-    return ("consistent" if math.isnan(judgement.baseline_m) else "metric"), judgement.baseline_m, said
+        return "inconsistent", _NAN, (judgement.refusal,)
+    state: CalibrationState = "consistent" if math.isnan(judgement.baseline_m) else "metric"
+    return state, judgement.baseline_m, judgement.findings
 
 
-def judge(info: BagInfo, calibration_problem: str, changes: int) -> BagInfo:
+def judge(info: BagInfo, changes: int) -> BagInfo:
     """Add the reasons and warnings.
 
     Parameters
     ----------
     info : BagInfo
-        Without them.
-    calibration_problem : str
-        As `judge_calibration` told.
+        Without them, with the calibration's findings.
     changes : int
         How often a CameraInfo changed.
     """
+    calibration_problem = "; ".join(map(str, info.calibration_findings))
     warnings = list(_warnings(info, calibration_problem))
     if changes > 0:
         warnings.append(f"CameraInfo changes {changes} times")

@@ -9,7 +9,7 @@ import numpy as np
 
 from uw_recon_ros.errors import CalibrationError
 from uw_recon_ros.findings import Code, Finding, Severity
-from uw_recon_ros.types import Axis, CameraModel, Matrix, StereoCalibration
+from uw_recon_ros.types import Axis, CameraModel, DepthMap, Matrix, StereoCalibration
 
 #: What a rig's baseline can be, m: camera modules do not stand closer, no vehicle carries a longer bar. Millimetres
 #: taken for metres (60 m) and P[3] in metres instead of px m (0.2 mm) both lie far outside.
@@ -81,7 +81,7 @@ def judge_calibration(calibration: StereoCalibration, image_size: tuple[int, int
         *_of_camera("left", left, image_size), *_of_camera("right", right, image_size), *_together(left, right),
     ]  # fmt: skip
     if not has_baseline(calibration):
-        return Judgement((*findings, *_no_baseline(left, right)))
+        return Judgement((*findings, *_no_baseline()))
     axis, baseline = _axis_and_baseline(left.p, right.p)
     findings += [*_baseline(left.p, right.p, axis), *judge_baseline(baseline), *_across(left.p, right.p, axis)]
     return Judgement(tuple(findings), axis, baseline)
@@ -112,6 +112,15 @@ def judge_depth(median_depth_m: float, baseline_m: float) -> tuple[Finding, ...]
     return (Finding(Code.CALIBRATION_DEPTH_IMPLAUSIBLE, got, Severity.UNRELIABLE, "check the calibration's units"),)
 
 
+def judge_depths(depth: DepthMap) -> tuple[Finding, ...]:
+    """Hold a depth map's median against its baseline; nothing where there are no metres."""
+    baseline = depth.geometry.baseline_m
+    valid = depth.depth[np.isfinite(depth.depth)]
+    if baseline is None or not depth.geometry.metric or not valid.size:
+        return ()
+    return judge_depth(float(np.median(valid)), baseline)
+
+
 def is_rotation(r: Matrix) -> bool:
     """Whether a (3, 3) matrix is a rotation, and no mirror; NaN is none."""
     with np.errstate(over="ignore", invalid="ignore"):
@@ -130,6 +139,14 @@ def _of_camera(side: str, camera: CameraModel, image_size: tuple[int, int] | Non
         yield _refused(Code.CALIBRATION_PROJECTION, text)
     yield from _resolution(side, camera)
     yield from _lens(side, camera)
+    if not camera.d.any() and _turned(camera.r) and not np.allclose(camera.k, camera.p[:, :3]):
+        text = f"{side} D: expected the lens of a camera that R turns, got zeros: a lens without distortion, or D lost"
+        advice = "look into the calibration file; set images_rectified where the images come rectified"
+        yield Finding(Code.CALIBRATION_DISTORTION_LOST, text, Severity.WARN, advice)
+
+
+def _turned(r: Matrix) -> bool:
+    return bool(np.abs(r - np.eye(3)).max() > _ROTATION)
 
 
 def _binned(camera: CameraModel) -> str:
@@ -221,6 +238,14 @@ def _together(left: CameraModel, right: CameraModel) -> Iterator[Finding]:
             f"{right.width}x{right.height}"
         )
         yield _refused(Code.CALIBRATION_SIZE_DIFFERS, text)
+    if left.d.any() and all(np.array_equal(getattr(left, name), getattr(right, name)) for name in ("k", "d", "r")):
+        text = "left and right calibration: expected two cameras, got the same K, D and R twice"
+        advice = "is the left camera_info sent for the right?"
+        yield Finding(Code.CALIBRATION_IDENTICAL, text, Severity.UNRELIABLE, advice)
+    if left.d.any() != right.d.any():
+        lost = "right" if left.d.any() else "left"
+        text = f"{lost} D: expected distortion as of the other camera, got zeros: D lost"
+        yield Finding(Code.CALIBRATION_DISTORTION_LOST, text, Severity.UNRELIABLE, "look into the calibration file")
     focal = np.abs(np.diag(left.p)[:2] / np.diag(right.p)[:2] - 1).max()
     if focal > SAME_FOCAL:
         text = (
@@ -230,12 +255,9 @@ def _together(left: CameraModel, right: CameraModel) -> Iterator[Finding]:
         yield _refused(Code.CALIBRATION_VIEWS_DIFFER, text)
 
 
-def _no_baseline(left: CameraModel, right: CameraModel) -> Iterator[Finding]:
+def _no_baseline() -> Iterator[Finding]:
     text = "right P: expected P[3] = -fx B or P[7] = -fy B, got 0 and 0: two single cameras, not a stereo rig"
     yield Finding(Code.CALIBRATION_NO_BASELINE, text, Severity.WARN, "calibrate both cameras together")
-    if left.d.any() and all(np.array_equal(getattr(left, n), getattr(right, n)) for n in ("k", "d", "r", "p")):
-        text = "left and right calibration: expected two cameras, got the same numbers twice"
-        yield Finding(Code.CALIBRATION_IDENTICAL, text, Severity.WARN, "is the left camera_info sent for the right?")
 
 
 def _axis_and_baseline(left: Matrix, right: Matrix) -> tuple[Axis, float]:

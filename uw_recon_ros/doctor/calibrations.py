@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from uw_recon_ros.calibration import as_imaged, make_camera
 from uw_recon_ros.calibration.judge import has_baseline, judge_calibration
+from uw_recon_ros.calibration.rectified import as_rectified, came_rectified
 from uw_recon_ros.doctor.cameras import source
 from uw_recon_ros.doctor.finding import Finding, Level, fail, ok
 from uw_recon_ros.doctor.observation import CameraNumbers, Observation, Topic
@@ -31,13 +32,15 @@ def _no_scale(seen: Observation, text: str, advice: str = _CALIBRATE) -> Finding
     return Finding(Level.OK if came else Level.WARN, _STAGE, text, "" if came else advice)
 
 
-def _camera(eye: str, info: CameraNumbers) -> CameraModel:
+def _camera(seen: Observation, eye: str, info: CameraNumbers) -> CameraModel:
     try:
         camera = make_camera(
             width=info.width, height=info.height, k=info.k, d=info.d, r=info.r, p=info.p,
             distortion_model=info.distortion_model,
         )  # fmt: skip
-        return as_imaged(camera, info.binning, info.roi)
+        camera = as_imaged(camera, info.binning, info.roi)
+        told = str(seen.parameter("images_rectified", "auto"))
+        return as_rectified(camera) if came_rectified(told, source(seen, eye).name) else camera
     except CalibrationError as error:
         raise CalibrationError(f"{eye} {error}", error.code) from error
 
@@ -50,7 +53,7 @@ def _numbers(seen: Observation) -> Finding:
         return _no_scale(seen, f"{' and '.join(zero)}: K is zero (not calibrated)")
     size = source(seen, "left").arrivals
     try:
-        calibration = StereoCalibration(_camera("left", left), _camera("right", right))
+        calibration = StereoCalibration(_camera(seen, "left", left), _camera(seen, "right", right))
         if not has_baseline(calibration):
             return _no_scale(
                 seen,
@@ -60,11 +63,11 @@ def _numbers(seen: Observation) -> Finding:
         judgement = judge_calibration(calibration, (size.width, size.height) if size.width else None)
         judgement.raise_refused()
     except CalibrationError as error:
-        return fail(_STAGE, f"inconsistent calibration: {error}", "calibrate anew, or mend the camera_info files")
+        advice = "calibrate anew, or mend the camera_info files"
+        return Finding(Level.FAIL, _STAGE, f"inconsistent calibration: {error}", advice, code=error.code.value)
     if judgement.findings:
-        return Finding(
-            Level.WARN, _STAGE, f"doubtful calibration: {judgement.findings[0].text}", judgement.findings[0].advice
-        )
+        first = judgement.findings[0]
+        return Finding(Level.WARN, _STAGE, f"doubtful calibration: {first.text}", first.advice, code=first.code.value)
     return ok(
         _STAGE,
         f"{judgement.axis} rig, baseline {abs(judgement.baseline_m):.3f} m, "

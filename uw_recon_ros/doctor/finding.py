@@ -29,6 +29,8 @@ class Finding:
         What to do; empty for what is well.
     symptom : bool
         Whether it only follows from something else that is wrong.
+    code : str
+        Of the finding of another room that it passes on; empty: none.
     """
 
     level: Level
@@ -36,6 +38,7 @@ class Finding:
     text: str
     advice: str = ""
     symptom: bool = False
+    code: str = ""
 
 
 def ok(stage: str, text: str) -> Finding:

@@ -31,7 +31,7 @@ def as_json(diagnosis: Diagnosis) -> str:
     def plain(finding: Finding) -> dict[str, object]:
         return {
             "level": finding.level.name, "stage": finding.stage, "text": finding.text, "advice": finding.advice,
-            "symptom": finding.symptom,
+            "symptom": finding.symptom, "code": finding.code,
         }  # fmt: skip
 
     seen, cause = diagnosis.seen, diagnosis.cause

@@ -71,6 +71,8 @@ class PipelineNode(StageNode[NodeStages]):
         self.inputs.pace.limit_hz = params[CameraParams].max_rate_hz
         self._most_pixels = params[CameraParams].max_pixels
         self.inputs.ignored = rectify_node.unwanted_infos(params[RectifyParams])
+        self._rectified = rectify_node.came_rectified_to(self, params[RectifyParams])
+        self.diagnostics.say(images_rectified="yes" if any(self._rectified) else "no")
 
     def warm_up(self, stage: NodeStages) -> None:
         """Compile the matcher, or fetch it compiled."""
@@ -79,9 +81,8 @@ class PipelineNode(StageNode[NodeStages]):
     def work(self, stage: NodeStages, group: Group, outputs: Outputs) -> int:
         """Take one pair as far as somebody listens."""
         rectify_node.report_calibration(self.diagnostics, group)
-        raw = raw_pair(
-            group, calibration_from_infos(group.get("left_info"), group.get("right_info")), self._most_pixels
-        )
+        calibration = calibration_from_infos(group.get("left_info"), group.get("right_info"), self._rectified)
+        raw = raw_pair(group, calibration, self._most_pixels)
         products = Products(raw, stage)
         preprocess_node.report_regions(self.diagnostics, products.enhanced)
         preprocess_node.publish_enhanced(outputs, products.enhanced)

@@ -20,6 +20,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from uw_recon_ros.calibration.judge import judge_depths
 from uw_recon_ros.node_params import CloudParams, DisparityMessageParams
 from uw_recon_ros.reconstruct.stage import Reconstruct, ReconstructParams
 from uw_recon_ros.ros.declarations import Input, outputs_of, source
@@ -66,6 +67,7 @@ def publish_reconstruction(
     if not outputs.wanted("surface", *(METRIC if metric else (UNSCALED,))):
         return
     depth = stage.depth(disparity)
+    diagnostics.problem("depth", "; ".join(map(str, judge_depths(depth))) or None)
     if metric:
         image, sigma, info = depth_messages(depth)
         outputs.send("depth/camera_info", lambda: info)

@@ -18,6 +18,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from rclpy.node import Node
+
+from uw_recon_ros.calibration.rectified import came_rectified
 from uw_recon_ros.rectify.stage import Rectify, RectifyParams
 from uw_recon_ros.rectify.tracker import RigTracker
 from uw_recon_ros.ros import rectified_frame
@@ -66,6 +69,17 @@ class RigRectifier:
 def unwanted_infos(params: RectifyParams) -> frozenset[str]:
     """Inputs that the parameters rule out."""
     return frozenset(i.name for i in CAMERA_INFOS) if params.calibration_use == "ignore" else frozenset()
+
+
+def came_rectified_to(node: Node, params: RectifyParams) -> tuple[bool, bool]:
+    """Whether the left and the right cameras' images come rectified, by the topics that the node is remapped to."""
+    left, right = (
+        came_rectified(
+            params.images_rectified, *(node.resolve_topic_name(f"{side}/image_{kind}") for kind in ("raw", "enhanced"))
+        )
+        for side in SIDES
+    )
+    return left, right
 
 
 def report_calibration(diagnostics: Diagnostics, group: Group) -> None:
@@ -117,11 +131,13 @@ class RectifyNode(StageNode[RigRectifier]):
     def adapt_inputs(self, params: ParameterSet) -> None:
         """Listen to calibrations only where they are used."""
         self.inputs.ignored = unwanted_infos(params[RectifyParams])
+        self._rectified = came_rectified_to(self, params[RectifyParams])
+        self.diagnostics.say(images_rectified="yes" if any(self._rectified) else "no")
 
     def work(self, stage: RigRectifier, group: Group, outputs: Outputs) -> int:
         """Rectify one pair."""
         report_calibration(self.diagnostics, group)
-        calibration = calibration_from_infos(group.get("left_info"), group.get("right_info"))
+        calibration = calibration_from_infos(group.get("left_info"), group.get("right_info"), self._rectified)
         enhanced = enhanced_pair(group, calibration)
         pair = stage(enhanced)
         report_rectification(self.diagnostics, pair)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from uw_recon_ros.calibration.judge import Judgement, has_baseline, judge_calibration
 from uw_recon_ros.errors import CalibrationError
+from uw_recon_ros.findings import Code
 from uw_recon_ros.types import StereoCalibration
 
 __all__ = ["has_baseline", "judged_rig"]
@@ -20,5 +21,6 @@ def judged_rig(calibration: StereoCalibration, image_size: tuple[int, int] | Non
     judgement = judge_calibration(calibration, image_size)
     judgement.raise_refused()
     if not has_baseline(calibration):
-        raise CalibrationError(str(judgement.findings[0]), judgement.findings[0].code)
+        lost = next(finding for finding in judgement.findings if finding.code == Code.CALIBRATION_NO_BASELINE)
+        raise CalibrationError(str(lost), lost.code)
     return judgement

@@ -6,9 +6,10 @@ from collections import deque
 from dataclasses import replace
 from typing import Protocol
 
+from uw_recon_ros.calibration.judge import judge_calibration
 from uw_recon_ros.calibration.rectified import came_rectified, rig_as_imaged
 from uw_recon_ros.errors import CalibrationError, EstimationError, ImageError
-from uw_recon_ros.findings import Code, Finding
+from uw_recon_ros.findings import Code, Finding, Severity
 from uw_recon_ros.rectify.calibrated import judged, rectification_from_calibration, unjudged
 from uw_recon_ros.rectify.params import RectifyParams
 from uw_recon_ros.rectify.rectification import Rectification, exchanged, row_statistics
@@ -24,6 +25,12 @@ _NO_BASELINE = Finding(
     Code.RECTIFY_NO_BASELINE,
     "CameraInfo describes two single cameras (P[3] = P[7] = 0): rectified without calibration",
 )
+
+
+def _sent_twice(calibration: StereoCalibration | None) -> tuple[Finding, ...]:
+    """What explains a missing baseline: one camera's CameraInfo for both. The images do without it."""
+    found = judge_calibration(calibration).findings if calibration else ()
+    return tuple(replace(f, severity=Severity.WARN) for f in found if f.code == Code.CALIBRATION_IDENTICAL)
 
 
 class _Rig(Protocol):
@@ -238,4 +245,4 @@ class RigTracker:
         if calibration is not None:
             return _CalibratedRig(calibration, self.params, (pair.left.shape[1], pair.left.shape[0]))
         ignored = pair.calibration is not None and self.params.calibration_use != "ignore"
-        return _UncalibratedRig(self.params, (_NO_BASELINE,) if ignored else ())
+        return _UncalibratedRig(self.params, (_NO_BASELINE, *_sent_twice(pair.calibration)) if ignored else ())

@@ -10,6 +10,7 @@ from sensor_msgs.msg import CameraInfo, Image
 
 from uw_recon_ros.bounds import LARGEST_PIXELS
 from uw_recon_ros.calibration import camera_from_info
+from uw_recon_ros.calibration.rectified import rig_as_imaged
 from uw_recon_ros.errors import ImageError
 from uw_recon_ros.findings import Finding
 from uw_recon_ros.image_pair import as_pair
@@ -84,8 +85,16 @@ def is_calibrated(info: CameraInfo) -> bool:
     return bool(info.k[0] != 0.0)
 
 
-def calibration_from_infos(left: CameraInfo | None, right: CameraInfo | None) -> StereoCalibration | None:
+def calibration_from_infos(
+    left: CameraInfo | None, right: CameraInfo | None, rectified: tuple[bool, bool] = (False, False)
+) -> StereoCalibration | None:
     """Read both cameras; None where one is missing or says that it is not calibrated.
+
+    Parameters
+    ----------
+    left, right : CameraInfo or None
+    rectified : (bool, bool)
+        Whether the left and the right images come rectified.
 
     Raises
     ------
@@ -94,7 +103,7 @@ def calibration_from_infos(left: CameraInfo | None, right: CameraInfo | None) ->
     """
     if left is None or right is None or not (is_calibrated(left) and is_calibrated(right)):
         return None
-    return StereoCalibration(camera_from_info(left), camera_from_info(right))
+    return rig_as_imaged(StereoCalibration(camera_from_info(left), camera_from_info(right)), rectified)
 
 
 def color_image(message: Image) -> ByteImage:

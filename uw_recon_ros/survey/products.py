@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from uw_recon_ros.calibration.judge import judge_depths
 from uw_recon_ros.errors import EstimationError
 from uw_recon_ros.findings import Code, Finding, Severity, severe
 from uw_recon_ros.match.stage import Match
@@ -68,9 +69,9 @@ class FrameProducts(Products):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Of the rig and of this pair."""
+        """Of the rig, of this pair, and of what its depths can be."""
         _ = self.rectified
-        return self._watched.findings
+        return self._watched.findings + judge_depths(self.depth)
 
 
 class FramePipeline:

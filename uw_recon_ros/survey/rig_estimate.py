@@ -99,7 +99,7 @@ def rectify_rigs(
         chosen = spread([frame for frame in frames if frame.rig == rig], count)
         try:
             points = _tie_points(chosen, executor, hand, state / f"tie_points_{rig}.npz")
-            found[rig] = _rectification(points, calibrations[rig] if rig >= 0 else None, params)
+            found[rig] = rectification_of(points, calibrations[rig] if rig >= 0 else None, params)
         except (EstimationError, CalibrationError) as error:
             errors.append(error)
     if not found:
@@ -107,9 +107,18 @@ def rectify_rigs(
     return found, [f"some frames cannot be rectified: {error}" for error in errors]
 
 
-def _rectification(
+def rectification_of(
     points: TiePoints | str, calibration: StereoCalibration | None, params: RectifyParams
 ) -> Rectification:
+    """A rig's, by its calibration, or by its tie points; these may be the reason why there are none.
+
+    Raises
+    ------
+    CalibrationError
+        The calibration cannot be true, or is of another size than the images.
+    EstimationError
+        The tie points do not allow it.
+    """
     if calibration is None:
         if isinstance(points, str):
             raise EstimationError(points)
