@@ -94,7 +94,7 @@ setup(
     entry_points={
         "console_scripts": [
             *(f"{node} = {NAME}.executables:{node}" for node in NODES),
-            f"uw_recon = {NAME}.cli:main",
+            f"uw_recon = {NAME}.executables:uw_recon",
         ]
     },
 )

@@ -62,7 +62,7 @@ def test_an_interrupt_is_one_line_even_while_arguments_are_read(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(cli.info, "add_arguments", interrupt)
-    assert cli.main(["info", "bag"]) == 1
+    assert cli.main(["info", "bag"]) == 130
     assert capsys.readouterr().err == "uw_recon: interrupted\n"
 
 

@@ -1,4 +1,4 @@
-"""Where the nodes' executables begin and end.
+"""Where the executables begin and end.
 
 Signals are noted before anything is loaded, which takes a second; and after the node has ended in order the process is
 left at once.
@@ -15,6 +15,19 @@ def _run(module: str) -> None:
     signals.note()
     node = import_module(f"uw_recon_ros.nodes.{module}")
     signals.leave(0 if signals.came() else node.main())
+
+
+def uw_recon() -> int:
+    """Run the command line; Ctrl-C at any moment ends it with one line and 130."""
+    try:
+        signals.interrupt_once(signals.leave_interrupted)
+        code: int = import_module("uw_recon_ros.cli").main()
+    except KeyboardInterrupt:
+        code = signals.INTERRUPTED
+    if signals.came():  # whatever became of the exception
+        signals.leave_interrupted(code)
+    signals.ignore_interrupts()  # the interpreter's farewell takes a while
+    return code
 
 
 def preprocess_node() -> None:

@@ -12,8 +12,11 @@ from types import FrameType
 
 #: Seconds from the signal until the process leaves whatever it is doing.
 PATIENCE_S = 1.2
+#: Exit code of a command that SIGINT has ended, as shells count: 128 and the signal's number.
+INTERRUPTED = 130
 
 _came = threading.Event()
+_told = threading.Event()
 
 
 def leave(code: int) -> None:
@@ -22,6 +25,24 @@ def leave(code: int) -> None:
         with suppress(OSError, ValueError):  # closed, or nobody reads it
             stream.flush()
     os._exit(code)
+
+
+def leave_interrupted(code: int) -> None:
+    """Say so, once, and end the process with 130 whatever `code` is."""
+    tell_interrupted("interrupted")
+    leave(INTERRUPTED)
+
+
+def tell_interrupted(text: str) -> None:
+    """Say the one line about an interrupt, where it has not been said."""
+    if not (came() and _told.is_set()):
+        _told.set()
+        sys.stderr.write(f"uw_recon: {text}\n")
+
+
+def ignore_interrupts() -> None:
+    """From now on SIGINT means nothing."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 _last_resort: Callable[[int], None] = leave
@@ -41,6 +62,41 @@ def note(last_resort: Callable[[int], None] = leave) -> None:
         signal.signal(number, _on_signal)
 
 
+def interrupt_once(last_resort: Callable[[int], None]) -> None:
+    """Let the first SIGINT raise `KeyboardInterrupt`, and further ones nothing. Call in the main thread.
+
+    Parameters
+    ----------
+    last_resort : callable
+        Ends the process from another thread, given 130, where the exception was lost on its way or compiled code
+        goes on for longer than `PATIENCE_S`.
+    """
+    if not _came.is_set():
+        global _last_resort
+        _last_resort = last_resort
+        sys.unraisablehook = _not_of_interrupts
+        signal.signal(signal.SIGINT, _on_interrupt)
+
+
+def _not_of_interrupts(lost: sys.UnraisableHookArgs) -> None:
+    """An interrupt that a destructor swallowed is no news: the last resort obeys it."""
+    if not issubclass(lost.exc_type, KeyboardInterrupt):
+        sys.__unraisablehook__(lost)
+
+
+def _on_interrupt(number: int, frame: FrameType | None) -> None:
+    signal.signal(number, signal.SIG_IGN)
+    _obey_in_time(INTERRUPTED)
+    raise KeyboardInterrupt
+
+
+def _obey_in_time(code: int) -> None:
+    _came.set()
+    timer = threading.Timer(PATIENCE_S, lambda: _last_resort(code))
+    timer.daemon = True
+    timer.start()
+
+
 def came() -> bool:
     """Whether one has come."""
     return _came.is_set()
@@ -48,7 +104,4 @@ def came() -> bool:
 
 def _on_signal(number: int, frame: FrameType | None) -> None:
     if not _came.is_set():
-        _came.set()
-        timer = threading.Timer(PATIENCE_S, lambda: _last_resort(0))
-        timer.daemon = True
-        timer.start()
+        _obey_in_time(0)

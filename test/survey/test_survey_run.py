@@ -407,7 +407,7 @@ def test_ctrl_c_leaves_what_is_done(room: Path, undisturbed: Path, tmp_path: Pat
     survey = subprocess.run(
         [sys.executable, str(tmp_path / "interrupted.py"), *args], stderr=subprocess.PIPE, text=True, check=False
     )
-    assert survey.returncode == 1
+    assert survey.returncode == 130
     assert "interrupted; the same command goes on from there" in survey.stderr
     assert "Traceback" not in survey.stderr
     assert len((tmp_path / "out" / "state" / "journal.jsonl").read_text().splitlines()) < FRAMES

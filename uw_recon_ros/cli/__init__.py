@@ -11,6 +11,7 @@ import os
 import sys
 from collections.abc import Collection, Sequence
 
+from uw_recon_ros import signals
 from uw_recon_ros.cli import completion, disparity, doctor, evaluate, info, pack, pair, simulate, survey, warmup
 from uw_recon_ros.cli.common import FAILED, OUR_FAULT, USAGE, UsageError
 from uw_recon_ros.errors import ReconError
@@ -50,7 +51,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0 done, 1 failed (one line on standard error says what and why), 2 wrong usage, 70 a fault of ours.
+        0 done, 1 failed (one line on standard error says what and why), 2 wrong usage, 70 a fault of ours,
+        130 after Ctrl-C.
     """
     try:
         return _run(sys.argv[1:] if argv is None else argv)
@@ -66,7 +68,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except MemoryError:
         return _fail("no memory is left: close some programs, take smaller images, or use fewer jobs", FAILED)
     except KeyboardInterrupt:
-        return _fail("interrupted", FAILED)
+        signals.tell_interrupted("interrupted")
+        return signals.INTERRUPTED
     except Exception as error:
         return _fail(our_fault(error), OUR_FAULT)
 
@@ -83,5 +86,7 @@ def _run(words: Sequence[str]) -> int:
 
 
 def _fail(error: object, code: int) -> int:
+    if signals.came():  # what an interrupt became on its way through a library
+        return code
     say("uw_recon: " + " ".join(str(error).split()))
     return code

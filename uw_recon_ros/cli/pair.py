@@ -9,7 +9,10 @@ from uw_recon_ros.progress import say
 
 HELP = "reconstruct one image pair"
 DESCRIPTION = "The whole pipeline on one pair."
-EPILOG = None
+EPILOG = (
+    "Exit code: 0 done, also where the pair is marked unreliable: the last line and report.json (reliable, warnings) "
+    "say so; 1 failed, report.json says where (failed); 2 wrong usage; 70 a fault of ours; 130 after Ctrl-C."
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

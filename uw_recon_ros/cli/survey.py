@@ -9,6 +9,7 @@ import os
 import sys
 from typing import TYPE_CHECKING
 
+from uw_recon_ros import signals
 from uw_recon_ros.cli.common import FAILED, OK, UsageError, pipeline_params
 from uw_recon_ros.progress import say
 
@@ -21,8 +22,9 @@ HELP = "reconstruct whole recordings, offline and resumable"
 DESCRIPTION = "Reconstruct every stereo pair of bags (or folders of stills) into a folder; report.html shows it."
 EPILOG = (
     "Exit code: 0 every chosen pair was reconstructed; 1 some were not (frames.csv says which and why), an input could "
-    "not be read, or nothing could be done; 2 wrong usage; 70 a fault of ours. Killed or interrupted, the same command "
-    "goes on where it stood."
+    "not be read, or nothing could be done; 2 wrong usage; 70 a fault of ours; 130 after Ctrl-C. Unreliable frames "
+    "count as reconstructed: the last line and frames.csv name them. Killed or interrupted, the same command goes on "
+    "where it stood."
 )
 
 
@@ -76,8 +78,8 @@ def run(args: argparse.Namespace) -> int:
     try:
         outcome = run_survey(request, lambda: _executor(args), teller)
     except KeyboardInterrupt:
-        teller.line(f"{args.output}: interrupted; the same command goes on from there")
-        return FAILED
+        signals.tell_interrupted(f"{args.output}: interrupted; the same command goes on from there")
+        return signals.INTERRUPTED
     _tell(outcome, args)
     return OK if outcome.complete else FAILED
 
@@ -111,5 +113,9 @@ def _tell(outcome: Outcome, args: argparse.Namespace) -> None:
         new = outcome.frames - outcome.resumed
         say(
             f"{outcome.output}/report.html: {outcome.ok} of {outcome.frames} frames reconstructed, "
-            f"{outcome.failed} failed; {new} in this run, {outcome.seconds:.1f} s"
+            f"{outcome.failed} failed{_doubt(outcome)}; {new} in this run, {outcome.seconds:.1f} s"
         )
+
+
+def _doubt(outcome: Outcome) -> str:
+    return f", {outcome.unreliable} UNRELIABLE ({', '.join(outcome.doubts)}): see frames.csv" if outcome.doubts else ""

@@ -131,7 +131,7 @@ class LocalExecutor:
 
     def _submit(self, work: Callable[[T], R], attempt: _Try[T], in_flight: dict[Future[R], _Try[T]]) -> None:
         try:
-            with _environment(dict.fromkeys(SINGLE_THREADED, "1")):  # a process may be started by this
+            with _environment(dict.fromkeys(SINGLE_THREADED, "1")), _deaf():  # a process may be started by this
                 future = self._running().submit(work, attempt.task)
         except BrokenProcessPool:  # a process died while it was idle, or a moment ago
             future = Future()
@@ -181,6 +181,16 @@ def _environment(values: dict[str, str]) -> Iterator[None]:
                 os.environ[name] = value
 
 
+@contextmanager
+def _deaf() -> Iterator[None]:
+    """Hold SIGINT back here, and for good in processes started meanwhile: Ctrl-C reaches them while they still load."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _context() -> BaseContext:
     """Never fork: threads and locks of this process would come along."""
     if "forkserver" not in multiprocessing.get_all_start_methods():
@@ -191,7 +201,7 @@ def _context() -> BaseContext:
 
 
 def _settle_in() -> None:
-    """First thing in a process: Ctrl-C is the parent's business; without a parent there is nothing to work for."""
+    """First thing in a process: Ctrl-C stays the parent's business; without a parent there is nothing to work for."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:

@@ -70,6 +70,10 @@ class Outcome:
         What was damaged or odd, a sentence each.
     seconds : float
         Of this run.
+    unreliable : int
+        Frames that were reconstructed and are not to be measured by.
+    doubts : tuple of str
+        Codes of why.
     """
 
     output: str
@@ -80,6 +84,8 @@ class Outcome:
     unreadable: tuple[str, ...]
     notes: tuple[str, ...]
     seconds: float
+    unreliable: int = 0
+    doubts: tuple[str, ...] = ()
 
     @property
     def complete(self) -> bool:

@@ -195,9 +195,12 @@ class _Run:
         """How it ended."""
         rows = self._rows()
         failed = sum(not succeeded(row) for row in rows)
+        doubtful = [row for row in rows if row["status"] == UNRELIABLE]
+        why = [f["code"] for row in doubtful for f in row["findings"] if f["severity"] == UNRELIABLE]
         return Outcome(
             str(self.request.output), len(rows), len(rows) - failed, failed, len(self.standing),
             tuple(self.listing.unreadable), tuple(self.listing.notes), round(time.monotonic() - self.started, 3),
+            len(doubtful), tuple(dict.fromkeys(why)),
         )  # fmt: skip
 
 
