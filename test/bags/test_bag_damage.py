@@ -81,7 +81,7 @@ def test_flipped_bytes_cost_their_chunk_only(tmp_path: Path, index: bool, compre
     per_chunk = len(RECORDED) / len(chunks)
     assert len(found) == pytest.approx(len(RECORDED) - per_chunk * len(bad), abs=per_chunk)
     assert {m.data for m in found} <= {m.data for m in RECORDED}
-    assert [m.stamp_ns for m in found] == sorted(m.stamp_ns for m in found)
+    assert [m.log_ns for m in found] == sorted(m.log_ns for m in found)
     assert [f"chunk at byte {offset} is damaged" in said for (offset, _), said in zip(bad, damage, strict=True)] == [
         True
     ] * len(bad)
@@ -141,7 +141,7 @@ def test_no_damage_makes_it_crash_or_invent(tmp_path: Path, seed: int, kind: str
     with open_bag(path) as bag:
         found = list(bag.raw_messages())
         list(bag.messages())
-    assert [m.stamp_ns for m in found] == sorted(m.stamp_ns for m in found) or kind != "zstd"
+    assert [m.log_ns for m in found] == sorted(m.log_ns for m in found) or kind != "zstd"
     if kind in ("zstd", "noindex"):  # chunks have checksums
         assert {m.data for m in found} <= {m.data for m in RECORDED}
 
@@ -154,7 +154,7 @@ def test_a_database_cut_short(tmp_path: Path, share: float) -> None:
     found, damage = read(path)
     assert len(found) >= (share - 0.1) * len(many)
     assert {m.data for m in found} <= {m.data for m in many}
-    assert [m.stamp_ns for m in found] == sorted(m.stamp_ns for m in found)
+    assert [m.log_ns for m in found] == sorted(m.log_ns for m in found)
     assert damage[0].startswith("bag.db3: damaged (cut short: ")
 
 
@@ -227,9 +227,9 @@ def test_files_without_metadata_are_taken_in_natural_order(tmp_path: Path) -> No
 def test_pairs_with_a_broken_image_are_left_out_and_named(tmp_path: Path) -> None:
     recorded = list(RECORDED[:8])
     short = image_bytes(9, 100_000_000)[:-300]
-    recorded[2] = RawMessage("/left/image_raw", IMAGE, recorded[2].stamp_ns, short)
+    recorded[2] = RawMessage("/left/image_raw", IMAGE, recorded[2].log_ns, short)
     small = image_bytes(9, 200_000_000, (6, 8, 3))
-    recorded[5] = RawMessage("/right/image_raw", IMAGE, recorded[5].stamp_ns, small)
+    recorded[5] = RawMessage("/right/image_raw", IMAGE, recorded[5].log_ns, small)
     with open_bag(write_mcap(tmp_path / "a.mcap", recorded)) as bag:
         assert [pair.stamp_ns for pair in bag.stereo_pairs()] == [0, 300_000_000]
         damage = bag.damage

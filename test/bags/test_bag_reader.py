@@ -68,7 +68,7 @@ def test_folders_as_rosbags_writes_them(tmp_path: Path, plugin: StoragePlugin, m
     assert read_all(path) == recorded
     with AnyReader([path]) as oracle:
         assert [(c.topic, c.msgtype, t, bytes(d)) for c, t, d in oracle.messages()] == [
-            (m.topic, m.type, m.stamp_ns, m.data) for m in recorded
+            (m.topic, m.type, m.log_ns, m.data) for m in recorded
         ]
 
 
@@ -139,9 +139,9 @@ def test_sources_wait_unopened_until_their_turn() -> None:
         return start, read
 
     merged = merge_by_time([source(0), source(2), source(100)])  # type: ignore[list-item]
-    assert [next(merged).stamp_ns for _ in range(5)] == [0, 1, 2, 2, 3]
+    assert [next(merged).log_ns for _ in range(5)] == [0, 1, 2, 2, 3]
     assert opened == [0, 2]
-    assert [message.stamp_ns for message in merged] == [4, 100, 101, 102]
+    assert [message.log_ns for message in merged] == [4, 100, 101, 102]
 
 
 def test_equal_times_keep_the_order_of_the_sources() -> None:
@@ -149,7 +149,7 @@ def test_equal_times_keep_the_order_of_the_sources() -> None:
         return stamps[0], lambda: iter([RawMessage(name, "x", stamp, b"") for stamp in stamps])
 
     merged = merge_by_time([source("c", 5, 6), source("a", 0, 5, 6), source("b", 5, 5, 6)])  # type: ignore[list-item]
-    assert [(m.stamp_ns, m.topic) for m in merged] == [
+    assert [(m.log_ns, m.topic) for m in merged] == [
         (0, "a"), (5, "c"), (5, "a"), (5, "b"), (5, "b"), (6, "c"), (6, "a"), (6, "b"),
     ]  # fmt: skip
 
@@ -207,7 +207,7 @@ def test_a_calibration_that_changes_is_followed(tmp_path: Path) -> None:
         for index, message in enumerate(recording(4)):
             if index in (0, 4):
                 for eye, tx in (("left", 0.0), ("right", -0.1 - 0.05 * index)):
-                    writer.camera_info(f"/{eye}/camera_info", camera(tx=tx), time_ns=message.stamp_ns, frame_id="x")
+                    writer.camera_info(f"/{eye}/camera_info", camera(tx=tx), time_ns=message.log_ns, frame_id="x")
             writer.raw(message)
     with open_bag(tmp_path / "bag") as bag:
         shifts = [pair.calibration.right.p[0, 3] for pair in bag.stereo_pairs() if pair.calibration]

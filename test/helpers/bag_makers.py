@@ -67,7 +67,7 @@ def write_mcap(
                 text = messages.typestore().generate_msgdef(message.type, ros_version=2)[0].encode()
                 schema = writer.register_schema(message.type, "ros2msg", text)
                 channels[message.topic] = writer.register_channel(message.topic, "cdr", schema)
-            writer.add_message(channels[message.topic], message.stamp_ns, message.data, message.stamp_ns)
+            writer.add_message(channels[message.topic], message.log_ns, message.data, message.log_ns)
         if finish:
             writer.finish()
     return path
@@ -87,7 +87,7 @@ def write_rosbags(
             for topic in dict.fromkeys(message.topic for message in recorded)
         }
         for message in recorded:
-            writer.write(connections[message.topic], message.stamp_ns, message.data)
+            writer.write(connections[message.topic], message.log_ns, message.data)
     return path
 
 

@@ -33,7 +33,7 @@ def calibrated(frames: int) -> list[RawMessage]:
             info = messages.camera_info_message(camera(tx=tx), time_ns=100 * i * MS, frame_id="left_optical_frame")
             kind, data = messages.encode(info)
             found.append(RawMessage(f"/{eye}/camera_info", kind, (100 * i + 4) * MS, data))
-    return sorted(found, key=lambda message: message.stamp_ns)
+    return sorted(found, key=lambda message: message.log_ns)
 
 
 def make_bases(folder: Path, recorded: Sequence[RawMessage]) -> list[bytes]:

@@ -113,7 +113,7 @@ def test_bytes_are_the_nodes(geometry: StereoGeometry, frame_id: str) -> None:
     for topic, message in theirs.items():
         assert mine[f"/{topic}"].type == type_name(message), topic
         assert mine[f"/{topic}"].data == ros_bytes(message), topic
-        assert mine[f"/{topic}"].stamp_ns == 7
+        assert mine[f"/{topic}"].log_ns == 7
         deserialize_message(mine[f"/{topic}"].data, type(message))
 
 

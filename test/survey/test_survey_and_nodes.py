@@ -42,10 +42,10 @@ def replayed(dive: list[RawMessage], values: dict[str, Any]) -> dict[tuple[str, 
         talkers = {m.topic: bench.talk(types[m.type], m.topic.removeprefix("/")) for m in dive}
         bench.connected(*talkers.values())
         # Calibrations first: the newest one goes with an image.
-        for stamp in sorted({m.stamp_ns for m in dive}):
-            for message in sorted((m for m in dive if m.stamp_ns == stamp), key=lambda m: "info" not in m.topic):
+        for stamp in sorted({m.log_ns for m in dive}):
+            for message in sorted((m for m in dive if m.log_ns == stamp), key=lambda m: "info" not in m.topic):
                 talkers[message.topic].publish(deserialize_message(message.data, types[message.type]))
-            done = 1 + sum(m.stamp_ns < stamp for m in dive) // len(talkers)
+            done = 1 + sum(m.log_ns < stamp for m in dive) // len(talkers)
             bench.spin_until(lambda done=done: len(heard["surface"]) >= done, "the surface")  # type: ignore[misc]
         bench.spin_for(0.2)
         return {

@@ -68,7 +68,7 @@ def compressed(message: RawMessage) -> RawMessage:
     kind = messages.typestore().types[messages.COMPRESSED_IMAGE]
     header = messages.decode(message).header
     data = messages.encode(kind(header=header, format="png", data=png))[1]
-    return RawMessage(f"{message.topic}/compressed", messages.COMPRESSED_IMAGE, message.stamp_ns, data)
+    return RawMessage(f"{message.topic}/compressed", messages.COMPRESSED_IMAGE, message.log_ns, data)
 
 
 def zstd_file(path: Path) -> Path:
@@ -92,11 +92,9 @@ FORMS: dict[str, Callable[[Path], Path]] = {
     "several files": lambda p: write_split(p / "bag", [FEW[:9], FEW[9:16], FEW[16:]]),
     "compressed images": lambda p: write_mcap(p / "bag.mcap", [compressed(m) for m in FEW]),
     "cut short": lambda p: cut(write_mcap(p / "bag.mcap", FEW), 0.6),
-    "looped": lambda p: write_mcap(p / "bag.mcap", FEW + [replace(m, stamp_ns=m.stamp_ns + 1200 * MS) for m in FEW]),
-    "recorded at one moment": lambda p: write_mcap(p / "bag.mcap", [replace(m, stamp_ns=5) for m in FEW]),
-    "one eye stops": lambda p: write_mcap(
-        p / "bag.mcap", [m for m in FEW if "left" in m.topic or m.stamp_ns < 600 * MS]
-    ),
+    "looped": lambda p: write_mcap(p / "bag.mcap", FEW + [replace(m, log_ns=m.log_ns + 1200 * MS) for m in FEW]),
+    "recorded at one moment": lambda p: write_mcap(p / "bag.mcap", [replace(m, log_ns=5) for m in FEW]),
+    "one eye stops": lambda p: write_mcap(p / "bag.mcap", [m for m in FEW if "left" in m.topic or m.log_ns < 600 * MS]),
     "right at half the rate": lambda p: write_mcap(p / "bag.mcap", [m for i, m in enumerate(FEW) if i % 4 != 1]),
 }
 
@@ -135,7 +133,7 @@ def test_stamps_that_go_back_are_named(tmp_path: Path) -> None:
 
 def test_a_splice_that_begins_before_the_first_stamp_is_kept(tmp_path: Path) -> None:
     later = recording(16)[24:]
-    spliced = later + [replace(m, stamp_ns=m.stamp_ns + 2000 * MS) for m in FEW]
+    spliced = later + [replace(m, log_ns=m.log_ns + 2000 * MS) for m in FEW]
     listing = assert_same_pairs(write_mcap(tmp_path / "bag.mcap", spliced))
     assert len(listing.frames) == 16
 

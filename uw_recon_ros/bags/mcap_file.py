@@ -116,7 +116,7 @@ class McapFile:
         if loose:
             chunks.append((loose[0].start_ns, partial(self._loose, loose, wanted)))
         merged = merge_by_time(chunks)
-        return merged if between is None else (message for message in merged if start <= message.stamp_ns <= end)
+        return merged if between is None else (message for message in merged if start <= message.log_ns <= end)
 
     def _wanted(self, topics: frozenset[str] | None) -> dict[int, tuple[str, str]]:
         """Topic and type of the channels to be read."""
@@ -165,7 +165,7 @@ class McapFile:
         except DAMAGE as error:
             if not block.partial:
                 self._note(mcap_chunk.loss(block.offset, error))
-        found.sort(key=lambda message: message.stamp_ns)
+        found.sort(key=lambda message: message.log_ns)
         return found
 
     def _loose(self, blocks: list[Block], wanted: dict[int, tuple[str, str]]) -> Iterator[RawMessage]:

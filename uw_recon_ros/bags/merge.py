@@ -39,4 +39,4 @@ def merge_by_time(sources: Iterable[Source]) -> Iterator[RawMessage]:
             yield message
         following = next(stream, None)
         if following is not None:
-            heapq.heappush(waiting, (following.stamp_ns, serial, stream, following))
+            heapq.heappush(waiting, (following.log_ns, serial, stream, following))

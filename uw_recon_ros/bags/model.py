@@ -50,7 +50,7 @@ class RawMessage:
         As recorded, e.g. ``/left/image_raw``.
     type : str
         E.g. ``sensor_msgs/msg/Image``.
-    stamp_ns : int
+    log_ns : int
         When it was recorded (log time), ns.
     data : bytes
         CDR, encapsulation header included: what a serialised publisher takes.
@@ -58,7 +58,7 @@ class RawMessage:
 
     topic: str
     type: str
-    stamp_ns: int
+    log_ns: int
     data: bytes
 
 

@@ -88,9 +88,9 @@ class BagReader:
                 data = decompressor.decompress(message.data, max_output_size=most)
             except (zstandard.ZstdError, ValueError, MemoryError) as error:
                 told = reason_of(error)
-                self.note(f"{message.topic}: a compressed message at {message.stamp_ns} ns is damaged ({told})")
+                self.note(f"{message.topic}: a compressed message at {message.log_ns} ns is damaged ({told})")
             else:
-                yield RawMessage(message.topic, message.type, message.stamp_ns, data)
+                yield RawMessage(message.topic, message.type, message.log_ns, data)
 
     def messages(self, topics: Iterable[str] | None = None) -> Iterator[tuple[RawMessage, Any]]:
         """As `raw_messages`, each with its decoded object; those that cannot be decoded go to `damage`."""

@@ -72,7 +72,7 @@ class BagWriter:
                 typestore=messages.typestore(),
                 offered_qos_profiles=[_to_rosbags(profile) for profile in qos],
             )
-        self._writer.write(self._connections[key], message.stamp_ns, message.data)
+        self._writer.write(self._connections[key], message.log_ns, message.data)
 
     def message(self, topic: str, decoded: Any, *, log_time_ns: int | None = None) -> None:
         """Write a message object made by `uw_recon_ros.bags.messages`; log time defaults to its stamp."""

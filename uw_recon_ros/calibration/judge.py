@@ -62,6 +62,7 @@ def _refused(code: Code, text: str, advice: str = "") -> Finding:
     return Finding(code, text, Severity.REFUSED, advice)
 
 
+@np.errstate(over="ignore", divide="ignore", invalid="ignore")  # numbers of strangers
 def judge_calibration(calibration: StereoCalibration, image_size: tuple[int, int] | None = None) -> Judgement:
     """Judge the numbers of a stereo calibration.
 

@@ -114,8 +114,7 @@ class BagPlayerNode(Node):  # type: ignore[misc]
         return (
             message
             for message in wanted
-            if message.stamp_ns >= self._begin_ns
-            and message_class(message.type) is self._players[message.topic].msg_type
+            if message.log_ns >= self._begin_ns and message_class(message.type) is self._players[message.topic].msg_type
         )
 
     def _wait_for_subscribers(self) -> None:
@@ -140,14 +139,14 @@ class BagPlayerNode(Node):  # type: ignore[misc]
             if self._timeline.paused:
                 if self._timeline.step_begins:
                     self._meet_listeners()
-                if self._timeline.take_step(message.topic, message.stamp_ns):
+                if self._timeline.take_step(message.topic, message.log_ns):
                     return
                 self._spin(_POLL_S)
                 continue
-            wait = self._timeline.due_s(message.stamp_ns) - time.monotonic()
+            wait = self._timeline.due_s(message.log_ns) - time.monotonic()
             if wait > _LONGEST_SILENCE_S:
                 self.get_logger().warning(f"nothing recorded for {wait:.0f} s (at this rate): skipped")
-                self._timeline.jump(message.stamp_ns, time.monotonic())
+                self._timeline.jump(message.log_ns, time.monotonic())
                 wait = 0.0
             if wait <= 0:
                 self._report.late(-wait)

@@ -181,8 +181,8 @@ class Walk:
     def _place(self, message: RawMessage) -> Place:
         """Log times never go back within a bag, so only the last message need be remembered."""
         last = self._last_place[message.topic]
-        nth = last.nth + 1 if last.log_ns == message.stamp_ns else 0
-        self._last_place[message.topic] = Place(message.topic, message.stamp_ns, nth)
+        nth = last.nth + 1 if last.log_ns == message.log_ns else 0
+        self._last_place[message.topic] = Place(message.topic, message.log_ns, nth)
         return self._last_place[message.topic]
 
     def _rig(self) -> int:

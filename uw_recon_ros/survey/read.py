@@ -86,7 +86,7 @@ class Reader:
 
 
 def _pick(found: list[RawMessage], place: Place) -> RawMessage:
-    same = [m for m in found if m.topic == place.name and m.stamp_ns == place.log_ns]
+    same = [m for m in found if m.topic == place.name and m.log_ns == place.log_ns]
     if len(same) <= place.nth:
         raise BagError(f"{place.name}: the message recorded at {place.log_ns} ns cannot be read any more")
     return same[place.nth]
