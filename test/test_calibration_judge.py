@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from uw_recon_ros.calibration import camera_from_info, make_camera
-from uw_recon_ros.calibration.judge import judge_calibration, judge_depth
+from uw_recon_ros.calibration.judge import judge_calibration, judge_depth, judge_depths
 from uw_recon_ros.errors import CalibrationError
 from uw_recon_ros.findings import Code, Severity, worst
 from uw_recon_ros.rectify import RectifyParams
 from uw_recon_ros.rectify.calibrated import rectification_from_calibration
-from uw_recon_ros.types import CameraModel, StereoCalibration
+from uw_recon_ros.types import CameraModel, StereoCalibration, StereoGeometry
 
 K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
 D = [-0.25, 0.08, 0.0, 0.0, 0.0]
@@ -94,6 +94,15 @@ def test_sizes_are_held_against_the_images() -> None:
 def test_depth_is_held_against_the_baseline() -> None:
     assert not judge_depth(2.0, 0.12)
     assert judge_depth(1256.0, 0.12)[0].code == Code.CALIBRATION_DEPTH_IMPLAUSIBLE
+
+
+@pytest.mark.parametrize(("baseline_m", "expected"), [(0.12, 0), (0.0006, 1), (None, 0)])
+def test_a_depth_map_is_held_against_its_baseline(baseline_m: float | None, expected: int) -> None:
+    depth: Any = SimpleNamespace(
+        depth=np.array([[np.nan, 2.0, 3.0]]), geometry=StereoGeometry(100.0, 1.0, 1.0, 0.0, baseline_m=baseline_m)
+    )
+    found = judge_depths(depth)
+    assert [f.severity for f in found] == [Severity.UNRELIABLE] * expected
 
 
 def message(binning: int, roi: tuple[int, int, int, int]) -> SimpleNamespace:
