@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import struct
+from collections.abc import Callable
+
 import cv2
 import numpy as np
 import pytest
@@ -128,3 +131,25 @@ def test_gray_keeps_mono_and_weighs_colour() -> None:
     rgb = np.zeros((1, 1, 3), np.uint8)
     rgb[..., 1] = 100
     assert to_gray(rgb)[0, 0] == 59
+
+
+def _with_orientation(jpeg: bytes, orientation: int) -> bytes:
+    """A JPEG with an EXIF block (CIPA DC-008) that holds an orientation and nothing else."""
+    tiff = b"MM\0*" + struct.pack(">IHHHIHHI", 8, 1, 0x0112, 3, 1, orientation, 0, 0)
+    block = b"Exif\0\0" + tiff
+    return jpeg[:2] + b"\xff\xe1" + struct.pack(">H", len(block) + 2) + block + jpeg[2:]
+
+
+@pytest.mark.parametrize("colour", [False, True])
+def test_a_photograph_is_upright_as_its_exif_says(colour: bool) -> None:
+    rows, columns = np.mgrid[:24, :40]
+    gray = (3 * rows + 2 * columns).astype(np.uint8)
+    image = np.dstack([gray, gray // 2, 255 - gray]) if colour else gray
+    upright: dict[int, Callable[[np.ndarray], np.ndarray]] = {
+        1: lambda a: a, 2: np.fliplr, 3: lambda a: np.rot90(a, 2), 4: np.flipud, 5: lambda a: a.swapaxes(0, 1),
+        6: lambda a: np.rot90(a, -1), 7: lambda a: np.rot90(a, 2).swapaxes(0, 1), 8: np.rot90,
+    }  # fmt: skip
+    jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 100])[1].tobytes()
+    plain = decode_compressed(jpeg)
+    for orientation, turn in upright.items():
+        np.testing.assert_array_equal(decode_compressed(_with_orientation(jpeg, orientation)), turn(plain))

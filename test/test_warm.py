@@ -24,19 +24,29 @@ def test_empty_cache_is_announced(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert said[1].endswith("every time: no directory can be written")
 
 
+def test_a_method_that_is_not_asked_for_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(warm, "is_cold", lambda folder: folder.name == "kz2")
+    said: list[str] = []
+    warm.tell_if_cold(said.append, ["graph_cut"])
+    assert not said
+    warm.tell_if_cold(said.append, ["kz2"])
+    warm.tell_if_cold(said.append)
+    assert len(said) == 2
+
+
 def test_disparity_says_that_it_compiles_only_where_it_does(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     image = np.random.RandomState(1).randint(0, 256, (40, 60)).astype(np.uint8)
-    for eye in ("left", "right"):
-        write_image(tmp_path / f"{eye}.png", image)
+    for name, shift in (("left", 0), ("right", -4)):
+        write_image(tmp_path / f"{name}.png", np.roll(image, shift, axis=1))
     command = ["disparity", str(tmp_path / "left.png"), str(tmp_path / "right.png"), "--max-disparity", "8"]
-    command += ["--effort", "navigation", "-o", str(tmp_path / "d.pfm")]
+    command += ["--effort", "navigation", "--overwrite", "-o", str(tmp_path / "d.pfm")]
     assert main(command) == 0  # compiles, if nothing has yet
     capsys.readouterr()
     assert main(command) == 0
     assert "compiling" not in capsys.readouterr().err
-    monkeypatch.setattr(pair, "tell_if_cold", lambda say: say("compiling the kernels"))
+    monkeypatch.setattr(pair, "tell_if_cold", lambda say, methods: say("compiling the kernels"))
     assert main(command) == 0
     assert "compiling the kernels" in capsys.readouterr().err
 

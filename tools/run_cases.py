@@ -148,10 +148,10 @@ def arguments_of(command: str, output: str) -> list[str]:
 
 
 def run(program: Sequence[str], work: Path, seconds: float, memory_mb: int) -> tuple[int, float, float, str]:
-    """Run within bounds: exit code, seconds, peak memory in MB, standard error. No process is left behind."""
+    """Run within bounds: exit code, seconds, peak memory in MB, what it said. No process is left behind."""
     started, peak = time.monotonic(), 0.0
     with tempfile.TemporaryFile("w+", errors="replace") as said:
-        process = psutil.Popen(program, cwd=work, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=said)
+        process = psutil.Popen(program, cwd=work, stdin=subprocess.DEVNULL, stdout=said, stderr=said)
         try:
             while not _ended(process):
                 peak = max(peak, resident_mb(process))

@@ -144,7 +144,7 @@ def decode_image(
 
 
 def decode_any(data: Any, most_pixels: int = LARGEST_PIXELS) -> NDArray[Any]:
-    """Decode an encoded image of any depth, as OpenCV does, within `bounds`.
+    """Decode an encoded image of any depth, as OpenCV does, within `bounds`; a photograph upright, as its EXIF says.
 
     Raises
     ------
@@ -155,12 +155,18 @@ def decode_any(data: Any, most_pixels: int = LARGEST_PIXELS) -> NDArray[Any]:
         raise ImageError("compressed image: expected JPEG or PNG data, got 0 bytes")
     width, height = declared_size(encoded, most_pixels)
     try:
-        image = cv2.imdecode(np.frombuffer(pixels_only(encoded), np.uint8), cv2.IMREAD_UNCHANGED)
+        image = cv2.imdecode(np.frombuffer(pixels_only(encoded), np.uint8), _decoder_flags(encoded))
     except (cv2.error, MemoryError) as error:
         raise ImageError(f"compressed image: {len(encoded)} bytes refused by the decoder") from error
     if image is None or image.shape[:2] not in ((height, width), (width, height)):  # EXIF may turn it
         raise ImageError(f"compressed image: {width}x{height} px declared, {len(encoded)} bytes damaged or cut short")
     return image
+
+
+def _decoder_flags(encoded: memoryview) -> int:
+    """A camera mounted upside down says so in its JPEG: obeyed, as cv_bridge and every viewer do."""
+    is_jpeg = bytes(encoded[:2]) == b"\xff\xd8"
+    return cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH if is_jpeg else cv2.IMREAD_UNCHANGED
 
 
 def decode_compressed(data: Any, most_pixels: int = LARGEST_PIXELS) -> RawImage:

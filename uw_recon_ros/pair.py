@@ -178,7 +178,7 @@ def reconstruct_files(
     output = Path(output)
     pair = read_pair(left, right, calibration)
     _claim(output, overwrite)
-    tell_if_cold(say)
+    tell_if_cold(say, [params.match.method])
     stages: list[str] = []
 
     def announce(stage: str) -> None:
@@ -223,7 +223,7 @@ def match_files(
     _claim_file(Path(output), overwrite)
     ready, findings = ready_to_match(read_pair(left, right), params.min_disparity)
     match, timed = Match(params), Stopwatch()
-    tell_if_cold(say)
+    tell_if_cold(say, [params.method])
     match.warm_up()
     with timed("match"):
         result, _ = match.images(ready)

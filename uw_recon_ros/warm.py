@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from uw_recon_ros import match
@@ -10,6 +10,9 @@ from uw_recon_ros.jit import CACHE_DIRECTORY, CacheUse, cache_use, is_cold
 from uw_recon_ros.match.methods import EFFORTS, METHODS
 from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.reconstruct.stage import Reconstruct
+
+#: Folder of each method's kernels.
+_KERNELS = {"graph_cut": "planes", "kz2": "kz2"}
 
 
 def warm_up() -> CacheUse:
@@ -22,9 +25,9 @@ def warm_up() -> CacheUse:
     return cache_use()
 
 
-def tell_if_cold(say: Callable[[str], None]) -> None:
-    """Say what the first call after an installation waits for."""
+def tell_if_cold(say: Callable[[str], None], methods: Iterable[str] = METHODS) -> None:
+    """Say what the first call of these matching methods after an installation waits for."""
     folder = Path(match.__path__[0])
-    if any(is_cold(part) for part in (folder, folder / "kz2", folder / "planes")):
+    if any(is_cold(folder / _KERNELS[method]) for method in methods):
         kept = f"kept in {CACHE_DIRECTORY}" if CACHE_DIRECTORY else "every time: no directory can be written"
         say(f"compiling the kernels: half a minute or more, {'this once, ' if CACHE_DIRECTORY else ''}{kept}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from uw_recon_ros.findings import Code, Finding
 from uw_recon_ros.types import (
     DepthMap,
     DisparityMap,
@@ -57,7 +58,8 @@ def surface(metric: bool = True, side: int = 9) -> Surface:
 def pair_results(metric: bool = True, axis: str = "horizontal"):
     """The arguments of ``write_pair_page`` after the path, up to the surface."""
     left, right = picture(1), picture(2)
-    quality = RectificationQuality("quasi-euclidean", 0.21, 0.8, 321, ("a flat scene <b>does</b> not fix F",))
+    flat = Finding(Code.RECTIFY_FLAT_SCENE, "a flat scene <b>does</b> not fix F")
+    quality = RectificationQuality("quasi-euclidean", 0.21, 0.8, 321, (flat,))
     return (
         StereoPair(left[..., 0], right[..., 0]),
         EnhancedPair(left, right, left[..., 0], right[..., 0]),

@@ -72,7 +72,7 @@ def test_the_page_is_well_formed_and_holds_what_it_should(html):
     assert names.count("figure") == 8
     assert names.count("canvas") == 2
     text = " ".join(reader.texts)
-    for words in ("0.21 px", "0.8 px", "321", "kz2", "1.350 s", "metric", "10 mm", "seen by the left eye only 8.3 %"):
+    for words in ("0.21 px", "0.8 px", "321", "kz2", "1.350 s", "metric", "10 mm", "the left camera only 8.3 %"):
         assert words in text, words
 
 
@@ -257,8 +257,11 @@ def test_what_a_message_does_not_say_has_no_row():
 
 
 def test_narrow_screens_have_rules_of_their_own(html):
-    """Tool bars wrap rather than being cut off; the page is as wide as the screen."""
+    """The tool bar stands above the view, as wide as it; the page is as wide as the screen."""
     assert 'name="viewport" content="width=device-width' in html
     narrow = html[html.index("@media (max-width: 640px)") :]
-    assert re.match(r"[^@]*\.tools \.group \{[^}]*flex-wrap: wrap", narrow[1:])
+    above = re.match(r"[^@]*\.viewer canvas \{ inset: (\d+)px 0 0; height: calc\(100% - (\d+)px\)", narrow[1:])
+    assert above
+    assert above[1] == above[2]
+    assert re.match(r"[^@]*\.tools \{ left: 6px; right: 6px;[^}]*max-width: none", narrow[1:])
     assert not [w for w in re.findall(r"[;{] ?(?:min-)?width: (\d+)px", html) if int(w) > 390]

@@ -125,7 +125,7 @@ def test_the_report_says_what_was_made_from_what(room: Path, undisturbed: Path) 
     page = (undisturbed / "report.html").read_text()
     assert "http://" not in page.replace("http://www.w3.org", "")
     assert "https://" not in page
-    assert page.count('<svg class="chart"') == 4
+    assert page.count('<svg class="chart wide"') == page.count('<svg class="chart narrow"') == 4
 
 
 @pytest.mark.parametrize("jobs", [2, 3])

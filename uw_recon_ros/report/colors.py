@@ -17,9 +17,9 @@ _DIVERGING = [(33, 102, 172), (103, 169, 207), (209, 229, 240), (247, 247, 247),
 REASONS: dict[Status, tuple[tuple[int, int, int], str]] = {
     Status.UNSEEN: ((24, 26, 30), "outside the rectified image"),
     Status.OUTSIDE: ((84, 90, 102), "outside the other view"),
-    Status.OCCLUDED: ((52, 56, 66), "seen by the left eye only"),
+    Status.OCCLUDED: ((52, 56, 66), "seen by the left camera only"),
     Status.LOW_TEXTURE: ((168, 160, 140), "too little texture"),
-    Status.INCONSISTENT: ((132, 112, 112), "the eyes disagree"),
+    Status.INCONSISTENT: ((132, 112, 112), "the two views disagree"),
     Status.OUT_OF_RANGE: ((196, 200, 208), "out of range"),
     Status.FILTERED: ((140, 122, 158), "isolated speckle"),
 }

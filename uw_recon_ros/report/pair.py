@@ -134,7 +134,7 @@ def _enhancement(raw: StereoPair, enhanced: EnhancedPair) -> Section:
     ]  # fmt: skip
     text = (
         "Moire notched, light evened out by a homomorphic filter, wavelet and anisotropic denoising, contrast and "
-        "colour adjusted, with the same statistics for both eyes."
+        "colour adjusted, with the same statistics for both cameras."
     )
     return Section("Enhancement", text, figures)
 

@@ -28,8 +28,8 @@
 
     resize() {
       this.ratio = Math.min(devicePixelRatio || 1, 2);
-      this.camera.width = Math.max(this.root.clientWidth, 1);
-      this.camera.height = Math.max(this.root.clientHeight, 1);
+      this.camera.width = Math.max(this.canvas.clientWidth, 1); // the tool bar may stand above it
+      this.camera.height = Math.max(this.canvas.clientHeight, 1);
       for (const canvas of [this.canvas, this.overlay]) {
         canvas.width = Math.round(this.camera.width * this.ratio);
         canvas.height = Math.round(this.camera.height * this.ratio);
@@ -69,6 +69,8 @@
       on("dblclick", event => this.turnAbout(this.pick(event)));
       on("wheel", event => this.wheel(event), { passive: false });
       on("keydown", event => this.key(event));
+      const full = this.root.querySelector("[data-act=fullscreen]");
+      if (full) full.hidden = !document.fullscreenEnabled; // telephones, frames that do not allow it
       this.root.querySelectorAll("[data-act]").forEach(button => {
         button.addEventListener("click", () => this.act(button.dataset.act));
       });
@@ -156,7 +158,7 @@
       if (name === "measure") Object.assign(this, { measuring: !this.measuring, marks: [] });
       if (name === "reset") { this.marks = []; this.camera.home(); }
       if (name === "fullscreen") {
-        if (document.fullscreenElement) document.exitFullscreen(); else this.root.requestFullscreen();
+        if (document.fullscreenElement) document.exitFullscreen(); else this.root.requestFullscreen?.();
       }
       const on = { wire: this.wire, measure: this.measuring, [`mode-${this.mode}`]: true };
       this.root.querySelectorAll("[aria-pressed]").forEach(button => {

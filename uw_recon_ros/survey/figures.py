@@ -16,10 +16,12 @@ from uw_recon_ros.survey.tables import failures
 from uw_recon_ros.survey.write import PREVIEWS, frame_name
 from uw_recon_ros.types import Matrix
 
-WIDTH, HEIGHT = 1180, 190  # of the drawing, SVG units
-LEFT, RIGHT, TOP, BOTTOM = 58, 16, 12, 34
-_MOST_POINTS = 800  # more are drawn as the range of each bucket
+WIDTHS = {"wide": 1180, "narrow": 400}  # of the drawing, SVG units; the page shows one that fits
+HEIGHT = 194
+LEFT, RIGHT, TOP, BOTTOM = 58, 16, 12, 38
+_MOST_POINTS = {"wide": 800, "narrow": 300}  # more are drawn as the range of each bucket
 _TICKS = 4
+_TICK_WIDTH = 130
 
 
 @dataclass(frozen=True)
@@ -61,20 +63,25 @@ class _Buckets:
 
 
 def chart(line: Line, x_label: str, failures: Sequence[float] = ()) -> str:
-    """Draw a line, its band, its axes, and a mark for every failure."""
-    buckets = _bucketed(line)
-    x_axis = _Axis(*_span(line.x), LEFT, WIDTH - RIGHT)
+    """Draw a line, its band, its axes, and a mark for every failure; for wide and for narrow pages."""
+    drawings = "".join(_drawing(kind, line, x_label, failures) for kind in WIDTHS)
+    unit = f" [{escape(line.unit)}]" if line.unit else ""
+    return f'<figure class="wide"><figcaption><b>{escape(line.title)}</b>{unit}</figcaption>{drawings}</figure>'
+
+
+def _drawing(kind: str, line: Line, x_label: str, failures: Sequence[float]) -> str:
+    width, buckets = WIDTHS[kind], _bucketed(line, _MOST_POINTS[kind])
+    x_axis = _Axis(*_span(line.x), LEFT, width - RIGHT)
     y_axis = _Axis(*_limits(line, buckets), HEIGHT - BOTTOM, TOP)
     parts = [
-        f'<svg class="chart" viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(line.title)}">',
+        f'<svg class="chart {kind}" viewBox="0 0 {width} {HEIGHT}" role="img" aria-label="{escape(line.title)}">',
         *_grid(y_axis, x_axis, x_label),
         *_marks(failures, x_axis),
         *_band(buckets, x_axis, y_axis),
         *_strokes(buckets, x_axis, y_axis),
-        '<line class="cursor" y1="12" y2="160" x1="-9" x2="-9"/></svg>',
+        f'<line class="cursor" y1="{TOP}" y2="{HEIGHT - BOTTOM}" x1="-9" x2="-9"/></svg>',
     ]
-    unit = f" [{escape(line.unit)}]" if line.unit else ""
-    return f'<figure class="wide"><figcaption><b>{escape(line.title)}</b>{unit}</figcaption>{"".join(parts)}</figure>'
+    return "".join(parts)
 
 
 @dataclass(frozen=True)
@@ -104,13 +111,13 @@ def _limits(line: Line, buckets: _Buckets) -> tuple[float, float]:
     return (low, high) if high > low else (low, low + 1.0)
 
 
-def _bucketed(line: Line) -> _Buckets:
+def _bucketed(line: Line, most: int) -> _Buckets:
     x, values = np.asarray(line.x, np.float64), np.asarray(line.values, np.float64)
     low = np.asarray(line.low, np.float64) if len(line.low) else values
     high = np.asarray(line.high, np.float64) if len(line.high) else values
-    if len(x) <= _MOST_POINTS:
+    if len(x) <= most:
         return _Buckets(x, values, low, high)
-    parts = np.array_split(np.arange(len(x)), _MOST_POINTS)
+    parts = np.array_split(np.arange(len(x)), most)
     made = [(x[p].mean(), _of(np.median, values[p]), _of(np.min, low[p]), _of(np.max, high[p])) for p in parts]
     return _Buckets(*(np.array(column) for column in zip(*made, strict=True)))
 
@@ -123,11 +130,11 @@ def _of(function: object, values: Matrix) -> float:
 def _grid(y_axis: _Axis, x_axis: _Axis, x_label: str) -> Iterator[str]:
     for value in _ticks(y_axis.low, y_axis.high):
         y = y_axis(value)
-        yield f'<line class="grid" x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{y:.1f}" y2="{y:.1f}"/>'
+        yield f'<line class="grid" x1="{LEFT}" x2="{x_axis.at_high:g}" y1="{y:.1f}" y2="{y:.1f}"/>'
         yield f'<text class="y" x="{LEFT - 8}" y="{y + 4:.1f}">{value:g}</text>'
-    for value in _ticks(x_axis.low, x_axis.high, 2 * _TICKS):
+    for value in _ticks(x_axis.low, x_axis.high, max(3, int(x_axis.at_high // _TICK_WIDTH))):
         yield f'<text class="x" x="{x_axis(value):.1f}" y="{HEIGHT - BOTTOM + 18}">{value:g}</text>'
-    yield f'<text class="what" x="{WIDTH - RIGHT}" y="{HEIGHT - 1}">{escape(x_label)}</text>'
+    yield f'<text class="what" x="{x_axis.at_high:g}" y="{HEIGHT - 5}">{escape(x_label)}</text>'
 
 
 def _ticks(low: float, high: float, most: int = _TICKS) -> Iterator[float]:
@@ -253,6 +260,11 @@ def _picture(store: Store, row: Row) -> str:
         f'<button class="{"" if ok else "bad"}" data-frame="{row["frame"]}" title="{escape(words)}">{image}'
         f"<span>{escape(words)}</span></button>"
     )
+
+
+def counted(count: int, noun: str) -> str:
+    """``1 pair``, ``2 pairs``."""
+    return f"{count} {noun}" + ("" if count == 1 else "s")
 
 
 def percent(value: float | None) -> str:

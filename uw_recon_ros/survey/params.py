@@ -19,8 +19,8 @@ class SurveyParams(Params):
     start: float = param(0.0, "Begin this long after the input's first pair; 0: with it.", unit="s", low=0.0, high=1e9)
     end: float = param(0.0, "End this long after the input's first pair; 0: at the end.", unit="s", low=0.0, high=1e9)
     max_frames: int = param(0, "Stop after this many pairs; 0: all.", low=0, high=100_000_000)
-    left_topic: str = param("", "Image topic of the left eye; empty: found by type and name.")
-    right_topic: str = param("", "Image topic of the right eye; empty: found by type and name.")
+    left_topic: str = param("", "Image topic of the left camera; empty: found by type and name.")
+    right_topic: str = param("", "Image topic of the right camera; empty: found by type and name.")
     pair_tolerance_ms: float = param(
         PAIR_TOLERANCE_MS,
         "Largest difference of stamps within a pair, as the nodes' parameter of that name.",

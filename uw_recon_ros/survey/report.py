@@ -19,10 +19,10 @@ from uw_recon_ros.survey.durable import write_durably
 from uw_recon_ros.survey.figures import (
     LEFT,
     RIGHT,
-    WIDTH,
     Line,
     chart,
     contact_sheet,
+    counted,
     failed_frames,
     number,
     percent,
@@ -30,6 +30,8 @@ from uw_recon_ros.survey.figures import (
 )
 from uw_recon_ros.survey.store import UNRELIABLE, Row, Store, succeeded
 from uw_recon_ros.survey.write import VIEWS, frame_name
+
+_UNITS = (("h", 3600.0), ("min", 60.0), ("s", 1.0))
 
 
 def write_report(store: Store, rows: list[Row], made: dict[str, Any]) -> None:
@@ -50,11 +52,11 @@ def write_report(store: Store, rows: list[Row], made: dict[str, Any]) -> None:
 def render_report(store: Store, rows: list[Row], made: dict[str, Any]) -> str:
     """Build the page; see `write_report`."""
     ok = [row for row in rows if succeeded(row)]
-    seconds, label = _times(rows)
+    seconds, stamped = _times(rows)
     body = [
         _top(made, rows, ok),
-        _chosen(store, rows, ok, seconds, made),
-        _time_lines(rows, seconds, label, made),
+        _chosen(store, rows, ok, seconds, made, stamped=stamped),
+        _time_lines(rows, *_axis(seconds, stamped=stamped), made),
         worst_frames(store, ok, _unit(made)),
         failed_frames(store, rows),
         contact_sheet(store, rows),
@@ -80,12 +82,20 @@ def _frame(title: str, body: Iterable[str]) -> str:
     )
 
 
-def _times(rows: list[Row]) -> tuple[list[float], str]:
-    """Where each frame stands on the time lines: seconds, or its number where stamps go back."""
+def _times(rows: list[Row]) -> tuple[list[float], bool]:
+    """Where each frame stands on the time lines: seconds, or its number where stamps go back; whether seconds."""
     stamps = [row["stamp_ns"] for row in rows]
     if all(a <= b for a, b in itertools.pairwise(stamps)):
-        return [(stamp - stamps[0]) / 1e9 for stamp in stamps], "s since the first frame"
-    return [float(row["frame"]) for row in rows], "frame (stamps go back)"
+        return [(stamp - stamps[0]) / 1e9 for stamp in stamps], True
+    return [float(row["frame"]) for row in rows], False
+
+
+def _axis(seconds: list[float], *, stamped: bool) -> tuple[list[float], str]:
+    """The time lines' places in a unit that people read, and its label."""
+    if not stamped:
+        return seconds, "frame (stamps go back)"
+    unit, length = next(((unit, length) for unit, length in _UNITS if max(seconds) >= 5 * length), _UNITS[-1])
+    return [second / length for second in seconds], f"{unit} since the first frame"
 
 
 def _top(made: dict[str, Any], rows: list[Row], ok: list[Row]) -> str:
@@ -109,7 +119,7 @@ def _top(made: dict[str, Any], rows: list[Row], ok: list[Row]) -> str:
     cells = "".join(f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>" for name, value in facts)
     items = "".join(f'<li class="alarm">{escape(text)}</li>' for text in alarms)
     items += "".join(f"<li>{escape(text)}</li>" for text in warnings)
-    lead = f"{made['frames']['pairs_in_input']} pairs in the input, {len(rows)} chosen."
+    lead = f"{counted(made['frames']['pairs_in_input'], 'pair')} in the input, {len(rows)} chosen."
     return (
         f'<header class="top"><div><h1>Survey of {escape(", ".join(made["input"]))}</h1>'
         f'<p class="lead">{lead}</p></div>'
@@ -120,14 +130,16 @@ def _top(made: dict[str, Any], rows: list[Row], ok: list[Row]) -> str:
 
 
 def _told(warning: dict[str, Any]) -> str:
-    return f"{warning['frames']} frames, first {warning['first_frame']}: {warning['text']}"
+    return f"{counted(warning['frames'], 'frame')}, first {warning['first_frame']}: {warning['text']}"
 
 
 def _unit(made: dict[str, Any]) -> str:
     return "m" if made["scale"] == ["metric"] else "baselines"
 
 
-def _chosen(store: Store, rows: list[Row], ok: list[Row], seconds: list[float], made: dict[str, Any]) -> str:
+def _chosen(
+    store: Store, rows: list[Row], ok: list[Row], seconds: list[float], made: dict[str, Any], *, stamped: bool
+) -> str:
     """The frame shown, and all that the page's script needs to show others."""
     seen = [row for row in ok if _has_view(row)]
     shown = max(seen, key=lambda row: row["density"]) if seen else rows[0]
@@ -138,10 +150,11 @@ def _chosen(store: Store, rows: list[Row], ok: list[Row], seconds: list[float], 
     data = {
         "frames": [_compact(row, second) for row, second in zip(rows, seconds, strict=True)],
         "shown": shown["frame"], "first": first, "unit": _unit(made),
-        "start": low, "end": high, "left": LEFT, "right": WIDTH - RIGHT, "width": WIDTH,
+        "start": low, "end": high, "left": LEFT, "margin": RIGHT,
+        "stamped": stamped,
     }  # fmt: skip
     view = (
-        '<iframe class="view" title="surface of the chosen frame"></iframe>'
+        '<iframe class="view" allow="fullscreen" title="surface of the chosen frame"></iframe>'
         if seen
         else "<p>No surfaces were written.</p>"
     )

@@ -27,6 +27,7 @@ from uw_recon_ros.survey.tables import codes, frames_csv, report, timing_csv
 from uw_recon_ros.survey.worker import reconstruct_frame
 from uw_recon_ros.survey.write import BAG_PARTS
 from uw_recon_ros.system_errors import explain
+from uw_recon_ros.warm import tell_if_cold
 
 _FINISHED = "finished.json"
 
@@ -117,6 +118,8 @@ class _Run:
         todo = [frame for frame in self.listing.frames if frame.number not in self.standing]
         before = f", {len(self.standing)} of these are there" if self.standing else ""
         self.teller.line(f"{len(self.listing.frames)} frames{before}; {executor.description}, a frame at a time each")
+        if todo:
+            tell_if_cold(self.teller.line, [self.request.pipeline.match.method])
         told: set[str] = set()
         results = executor.run(reconstruct_frame, map(hand, todo))
         for task, result in self.teller.watch(results, "frames", len(self.listing.frames), len(self.standing)):

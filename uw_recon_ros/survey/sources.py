@@ -36,7 +36,7 @@ def list_stills(
     """
     folders = eye_folders(Path(source.path))
     if folders is None:
-        raise BagError(f"{source.name}: expected the stills of both eyes in left/ and right/")
+        raise BagError(f"{source.name}: expected the stills of both cameras in left/ and right/")
     left, right = (find_images(str(folder)) for folder in folders)
     rig_file = calibration_file(source)
     rectified = came_rectified(rigs.images_rectified)
@@ -121,7 +121,7 @@ def _sources_in(path: Path) -> list[Source]:
     found = [source for source in inside if source is not None]
     if not found:
         raise BagError(
-            f"{path}: expected a bag, a folder of bags, or a folder with the stills of both eyes in left/ and right/"
+            f"{path}: expected a bag, a folder of bags, or a folder with the stills of both cameras in left/ and right/"
         )
     return found
 
@@ -139,8 +139,8 @@ def _source(path: Path) -> Source | None:
     else:
         is_bag = (path / "metadata.yaml").is_file() or any(f.name.endswith(_BAG_SUFFIXES) for f in path.iterdir())
     if is_bag:
-        return Source("bag", str(path.absolute()), path.name)
-    return Source("stills", str(path.absolute()), path.name) if path.is_dir() and eye_folders(path) else None
+        return Source("bag", str(path.absolute()), path.absolute().name)
+    return Source("stills", str(path.absolute()), path.absolute().name) if path.is_dir() and eye_folders(path) else None
 
 
 def eye_folders(path: Path) -> tuple[Path, Path] | None:

@@ -8,6 +8,12 @@
   let now = place.get(survey.shown);
 
   const name = number => `${String(number).padStart(6, "0")}`;
+  const two = value => String(value).padStart(2, "0");
+  // Since the first frame: 12.3 s, 4:05, 2:04:05.
+  const clock = time => {
+    const s = Math.floor(time), h = Math.floor(s / 3600), m = Math.floor(s / 60) % 60;
+    return s < 60 ? `${Number(time.toFixed(2))} s` : h ? `${h}:${two(m)}:${two(s % 60)}` : `${m}:${two(s % 60)}`;
+  };
   const show = value => value === null ? "–" : Number(value.toPrecision(3));
 
   function choose(k, scroll) {
@@ -16,14 +22,15 @@
     const [number, time, density, rows, depth, seen, reason] = frames[k];
     input.value = number;
     says.textContent = reason ? `failed: ${reason}`
-      : `${show(time)} s, density ${Math.round(100 * density)} %, row error ${show(rows)} px, depth ${show(depth)} ${survey.unit}`;
+      : `${survey.stamped ? `${clock(time)}, ` : ""}density ${Math.round(100 * density)} %, row error ${show(rows)} px, depth ${show(depth)} ${survey.unit}`;
     open.hidden = !seen;
     open.href = `views/${name(number)}.html`;
     if (frame && number === survey.shown) { frame.removeAttribute("src"); frame.srcdoc = survey.first; }
     else if (frame && seen) { frame.removeAttribute("srcdoc"); frame.src = `views/${name(number)}.html`; }
     document.querySelectorAll("[data-frame]").forEach(e => e.setAttribute("aria-pressed", String(+e.dataset.frame === number)));
     document.querySelectorAll(".chart .cursor").forEach(line => {
-      const x = survey.left + (time - survey.start) / (survey.end - survey.start) * (survey.right - survey.left);
+      const right = line.ownerSVGElement.viewBox.baseVal.width - survey.margin;
+      const x = survey.left + (time - survey.start) / (survey.end - survey.start) * (right - survey.left);
       line.setAttribute("x1", x); line.setAttribute("x2", x);
     });
     if (scroll) document.getElementById("view").scrollIntoView({ behavior: "smooth" });
@@ -37,8 +44,9 @@
     choose(frames.reduce((best, row, k) => Math.abs(row[0] - wanted) < Math.abs(frames[best][0] - wanted) ? k : best, 0));
   });
   document.querySelectorAll(".chart").forEach(chart => chart.addEventListener("click", event => {
-    const box = chart.getBoundingClientRect(), x = (event.clientX - box.left) / box.width * survey.width;
-    const time = survey.start + (x - survey.left) / (survey.right - survey.left) * (survey.end - survey.start);
+    const box = chart.getBoundingClientRect(), width = chart.viewBox.baseVal.width;
+    const x = (event.clientX - box.left) / box.width * width;
+    const time = survey.start + (x - survey.left) / (width - survey.margin - survey.left) * (survey.end - survey.start);
     choose(frames.reduce((best, row, k) => Math.abs(row[1] - time) < Math.abs(frames[best][1] - time) ? k : best, 0));
   }));
   choose(now);

@@ -27,6 +27,7 @@ VIEWS = "views"
 _PREVIEW_HEIGHT = 120
 _LAZ_STEP_M = 1e-4
 _MM_LIMIT = 65535
+_FIRST_DATE, _LAST_DATE = 946684800, 4102444800  # s: the years 2000 and 2100; other stamps are no dates
 
 Write = Callable[[Path], None]
 
@@ -76,8 +77,17 @@ def side_by_side(*images: ByteImage) -> ByteImage:
 def _view(number: int, products: Products) -> str:
     """A page with the frame's surface to turn."""
     depth, density = products.depth, products.disparity.density
-    facts = [("time stamp", f"{depth.stamp_ns / 1e9:.3f} s"), ("density", f"{density:.0%}")]
+    facts = [("time stamp", time_of(depth.stamp_ns)), ("density", f"{density:.0%}")]
     return render_page(f"Frame {number}", Summary(facts=facts), [], products.surface)
+
+
+def time_of(stamp_ns: int) -> str:
+    """A stamp as people read it: date and time where it counts from 1970, seconds where it counts from a start."""
+    seconds, nanoseconds = divmod(stamp_ns, 10**9)
+    if not _FIRST_DATE <= seconds < _LAST_DATE:
+        return f"{stamp_ns / 1e9:.3f} s"
+    date = datetime.datetime.fromtimestamp(seconds, datetime.timezone.utc)
+    return f"{date:%Y-%m-%d %H:%M:%S}.{nanoseconds // 10**6:03d} UTC"
 
 
 def _write_floats(path: Path, values: FloatImage) -> None:
