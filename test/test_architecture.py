@@ -46,7 +46,7 @@ MAY_IMPORT = {
     "doctor": NOUNS | {"rectify", "node_params", "doctor"},
     "ros": NOUNS | STAGE_ROOMS | NODE_PARAMS | {"ros", "doctor", "messages"},
     "nodes": OFFLINE | {"ros", "nodes", "bags"},
-    "survey": OFFLINE | {"survey", "bags", "report", "messages"},
+    "survey": OFFLINE | {"survey", "bags", "report", "messages", "warm"},
     "executables": {"", "signals"},
     "cli": OFFLINE | {"cli", "pair", "warm", "bags", "simulate", "report", "survey", "doctor", "ros"},
 }
