@@ -60,13 +60,16 @@ class Code(str, Enum):
     MATCH_NOTHING_SEEN = "match.nothing_seen"
     # rectification
     RECTIFY_CALIBRATED_IN_AIR = "rectify.calibrated_in_air"
+    RECTIFY_EXCHANGED = "rectify.exchanged"
     RECTIFY_FLAT_SCENE = "rectify.flat_scene"
     RECTIFY_INFINITY_MOVED = "rectify.infinity_moved"
     RECTIFY_INFINITY_VAGUE = "rectify.infinity_vague"
     RECTIFY_NO_BASELINE = "rectify.no_baseline"
+    RECTIFY_NO_PARALLAX = "rectify.no_parallax"
     RECTIFY_NOT_CHECKED = "rectify.not_checked"
     RECTIFY_ROWS_DISAGREE = "rectify.rows_disagree"
     RECTIFY_SCALE_WITHHELD = "rectify.scale_withheld"
+    RECTIFY_TIE_POINTS = "rectify.tie_points"
     # parts of an image that show no scene
     REGION_BLANK = "region.blank"
     REGION_BORDER = "region.border"

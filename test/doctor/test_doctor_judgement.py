@@ -326,6 +326,7 @@ def test_a_node_that_is_not_active(state: str, words: str) -> None:
 
 def test_a_refused_rectification() -> None:
     drops = {"dropped: EstimationError": "12", "dropped: superseded by newer": "3"}
+    drops["last drop code"] = "rectify.exchanged"
     refused = Status(2, "exchanged eyes: expected positive disparities, got 99 %", drops)
     seen = with_node(without_clouds(healthy(), since=1), "rectify_node", statuses=(refused, Status(0, "idle")))
     line = cause(seen)

@@ -7,6 +7,7 @@ import time
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 
+from uw_recon_ros.findings import Code, Finding
 from uw_recon_ros.ros.diagnostics import DEACTIVATED, IDLE, NO_PARTNER, SUPERSEDED, Diagnostics
 from uw_recon_ros.ros.log_throttle import Throttle
 
@@ -158,3 +159,23 @@ def test_both_ends_are_named() -> None:
     said = values(diagnostics.tick("/node"))
     assert said["listeners disparity"] == "0"
     assert "publishers left/image_raw" not in said  # no longer read
+
+
+def test_findings_stand_by_their_codes() -> None:
+    diagnostics = Diagnostics()
+    rows, air = (Finding(code, code.name) for code in (Code.RECTIFY_ROWS_DISAGREE, Code.RECTIFY_CALIBRATED_IN_AIR))
+    diagnostics.found("rectification", [rows, air])
+    told = values(diagnostics.tick("/node"))
+    assert told["codes"] == "rectify.rows_disagree,rectify.calibrated_in_air"
+    assert told["rectify.rows_disagree"] == rows.text
+    diagnostics.found("rectification", [])
+    status = diagnostics.tick("/node")
+    assert "codes" not in values(status)
+    assert status.level == DiagnosticStatus.OK
+
+
+def test_the_last_drop_has_its_code() -> None:
+    diagnostics = Diagnostics()
+    diagnostics.drop("EstimationError", "exchanged eyes", code=Code.RECTIFY_EXCHANGED)
+    diagnostics.drop(SUPERSEDED)
+    assert values(diagnostics.tick("/node"))["last drop code"] == "rectify.exchanged"

@@ -7,7 +7,7 @@ import re
 from uw_recon_ros.doctor.calibrations import scale_is_unknown
 from uw_recon_ros.doctor.finding import Finding, fail, ok, warn
 from uw_recon_ros.doctor.observation import Observation, Topic
-from uw_recon_ros.doctor.stages import EXCHANGE
+from uw_recon_ros.doctor.stages import EXCHANGE, EXCHANGED
 from uw_recon_ros.doctor.topic_graph import METRIC_CLOUD, TYPES, UNSCALED_CLOUD
 from uw_recon_ros.topics import POINT_CLOUD
 
@@ -25,7 +25,7 @@ def _empty(topic: Topic, seen: Observation) -> Finding:
     for node in seen.nodes.values():
         said = node.statuses[-1].values if node.statuses else {}
         found = _RANGE.search(said.get("disparities", ""))
-        if (found and int(found[2]) < 0) or "exchanged eyes" in said.get("last drop", ""):
+        if (found and int(found[2]) < 0) or said.get("last drop code") in EXCHANGED:
             searched = f"; disparities are {found[0]}" if found else ""
             return fail(_STAGE, f"{text}: left and right seem exchanged{searched}", EXCHANGE)
     return fail(_STAGE, text, "look at disparity/status: it says why, pixel by pixel")

@@ -8,6 +8,7 @@ from dataclasses import replace
 from uw_recon_ros.doctor.finding import Finding, Level, fail, ok, warn
 from uw_recon_ros.doctor.observation import GraphNode, Observation, Status, Topic
 from uw_recon_ros.doctor.topic_graph import METRIC_CLOUD, NODES, PIPELINE, STAGES, UNSCALED_CLOUD, Stage
+from uw_recon_ros.findings import Code
 
 _OK, _WARN, _ERROR = 0, 1, 2
 #: Standing problems that only say that nothing usable comes in: what keeps it from coming is found upstream.
@@ -17,6 +18,17 @@ _HARMLESS = frozenset((
     "superseded by newer", "no partner within tolerance", "deactivated meanwhile", "passed over: more than max_rate_hz",
 ))  # fmt: skip
 EXCHANGE = "exchange the topics of left and right, or the calibrations"
+EXCHANGED = (Code.RECTIFY_EXCHANGED.value, Code.MATCH_EXCHANGED.value)
+_REMEDIES = {
+    **dict.fromkeys(EXCHANGED, EXCHANGE),
+    Code.RECTIFY_TIE_POINTS.value: "see left/image_enhanced: haze, darkness or no overlap? Calibrated rigs need no tie "
+    "points",
+    Code.RECTIFY_NO_PARALLAX.value: "see that the two topics are not of one camera",
+    Code.IMAGE_IDENTICAL.value: "see that the two topics are not of one camera",
+    Code.RECTIFY_FLAT_SCENE.value: "wait for a scene with depth, or calibrate the rig",
+    Code.RECTIFY_CALIBRATED_IN_AIR.value: "calibrate in water: a calibration made in air does not hold there",
+    "rate": "a faster effort (navigation), smaller images, or a lower target_rate_hz",
+}
 _LOOK = "look at its log, restart it"
 _MOVES = {"unconfigured": ("configure", "activate"), "inactive": ("activate",)}
 
@@ -45,12 +57,10 @@ def _status(stage: Stage, node: GraphNode, status: Status) -> Iterator[Finding]:
     if status.level >= _ERROR:
         kinds = _faults(status)
         counted = f" ({kinds})" if kinds else ""
-        yield fail(stage.label, f"{node.name} refuses every frame: {status.message}{counted}", _remedy(status.message))
+        yield fail(stage.label, f"{node.name} refuses every frame: {status.message}{counted}", _remedy(status))
     elif status.level == _WARN:
         waiting = any(key in status.values for key in _WAITING)
-        yield warn(
-            stage.label, f"{node.name}: {status.message}", "" if waiting else _remedy(status.message), symptom=waiting
-        )
+        yield warn(stage.label, f"{node.name}: {status.message}", "" if waiting else _remedy(status), symptom=waiting)
 
 
 def _faults(status: Status) -> str:
@@ -59,22 +69,11 @@ def _faults(status: Status) -> str:
     return ", ".join(f"{reason} x{number}" for reason, number in drops.items() if reason not in _HARMLESS)
 
 
-def _remedy(message: str) -> str:
-    """What to do about a frame's refusal."""
-    for words, advice in (
-        ("exchanged eyes", EXCHANGE),
-        (
-            "tie points: expected",
-            "see left/image_enhanced: haze, darkness or no overlap? Calibrated rigs need no tie points",
-        ),
-        ("no parallax", "see that the two topics are not of one camera"),
-        ("flat scene", "wait for a scene with depth, or calibrate the rig"),
-        ("the calibration does not fit", "calibrate in water: a calibration made in air does not hold there"),
-        ("target_rate", "a faster effort (navigation), smaller images, or a lower target_rate_hz"),
-    ):
-        if words in message:
-            return advice
-    return "the message says what was expected and what came"
+def _remedy(status: Status) -> str:
+    """What to do about what a node complains of: by its codes."""
+    told = [*status.values.get("codes", "").split(","), status.values.get("last drop code", ""), *status.values]
+    advice = next((_REMEDIES[code] for code in told if code in _REMEDIES), None)
+    return advice or "the message says what was expected and what came"
 
 
 #: What a stage's node says of its last frame, beside the rate.

@@ -54,7 +54,7 @@ def publish_enhanced(outputs: Outputs, pair: EnhancedPair) -> None:
 def report_regions(diagnostics: Diagnostics, pair: EnhancedPair) -> None:
     """Say which parts of either camera's image show no scene."""
     diagnostics.say(regions="; ".join(finding.text for finding in pair.findings) or None)
-    diagnostics.problem("regions", "; ".join(map(str, severe(pair.findings))) or None)
+    diagnostics.found("regions", severe(pair.findings))
 
 
 class PreprocessNode(StageNode[PreprocessSequence]):

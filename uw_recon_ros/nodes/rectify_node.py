@@ -100,7 +100,7 @@ def report_rectification(diagnostics: Diagnostics, pair: RectifiedPair) -> None:
         scale="metric" if pair.geometry.metric else "unknown",
         rectifying_rotation_deg=f"{rectified_frame.rotation_deg(pair.geometry):.3f}",
     )
-    diagnostics.problem("rectification", "; ".join(map(str, quality.warnings)) or None)
+    diagnostics.found("rectification", quality.warnings)
 
 
 def publish_rectified(outputs: Outputs, pair: RectifiedPair) -> None:

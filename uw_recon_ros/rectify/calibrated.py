@@ -77,7 +77,8 @@ def _check_sides(rectification: Rectification, tie_points: TiePoints) -> None:
         raise EstimationError(
             f"exchanged eyes: expected disparities of the calibration's sign, got {found.mean():.0%} of {len(found)} "
             f"tie points behind the rig (median {parallax:.1f} px): the images show the {shown}; exchange the images, "
-            "or the calibrations"
+            "or the calibrations",
+            Code.RECTIFY_EXCHANGED,
         )
 
 

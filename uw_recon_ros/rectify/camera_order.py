@@ -21,7 +21,8 @@ def _exchanged(parallax: Matrix, raw: Matrix) -> EstimationError:
     return EstimationError(
         f"exchanged eyes: expected positive disparities, got {(parallax < 0).mean():.0%} of {len(parallax)} tie points "
         f"negative ({low:.0f} to {high:.0f} px; raw images: median {np.median(raw):.0f} px): give the left camera's "
-        "image as the left one, or turn both images by 180 degrees if the rig hung upside down"
+        "image as the left one, or turn both images by 180 degrees if the rig hung upside down",
+        Code.RECTIFY_EXCHANGED,
     )
 
 
@@ -30,7 +31,8 @@ def _check_parallax(parallax: Matrix) -> None:
     if largest < _PARALLAX_LIMIT_PX:
         raise EstimationError(
             f"no parallax: expected disparities over {_PARALLAX_LIMIT_PX:g} px, got up to {largest:.2f} px (95 % of "
-            f"{len(parallax)} tie points): both eyes show the same view"
+            f"{len(parallax)} tie points): both eyes show the same view",
+            Code.RECTIFY_NO_PARALLAX,
         )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros.errors import EstimationError
+from uw_recon_ros.findings import Code
 from uw_recon_ros.images import to_gray
 from uw_recon_ros.rectify.features import find_features, mutual_matches, spread
 from uw_recon_ros.rectify.fundamental import robust_inliers
@@ -111,7 +112,8 @@ def find_tie_points(pair: EnhancedPair, params: RectifyParams, *, longest_side: 
     if min(len(points_left), len(points_right)) < params.tie_points_min:
         raise EstimationError(
             f"tie points: expected at least {params.tie_points_min} features an eye, got {len(points_left)} left and "
-            f"{len(points_right)} right: the images show too little texture"
+            f"{len(points_right)} right: the images show too little texture",
+            Code.RECTIFY_TIE_POINTS,
         )
     index_left, index_right = mutual_matches(descriptors_left, descriptors_right, params.tie_ratio)
     matches = TiePoints(
@@ -126,7 +128,8 @@ def find_tie_points(pair: EnhancedPair, params: RectifyParams, *, longest_side: 
         raise EstimationError(
             f"tie points: expected at least {params.tie_points_min} matches, a quarter of all, on one epipolar "
             f"geometry, got {inside.sum()} of {len(matches)} matches ({len(points_left)} features left, "
-            f"{len(points_right)} right): too little texture, or the eyes do not show the same scene"
+            f"{len(points_right)} right): too little texture, or the eyes do not show the same scene",
+            Code.RECTIFY_TIE_POINTS,
         )
     return thinned(matches.take(inside), params.tie_points_max, params.rectify_seed)
 

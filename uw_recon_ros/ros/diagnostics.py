@@ -12,6 +12,8 @@ ten seconds, spreads are of the last fifty frames, numbers of drops since the st
 | ``done [Hz]``, ``out TOPIC [Hz]`` | frames worked on to the end; messages sent |
 | ``dropped [Hz]``, ``dropped``, ``dropped: REASON`` | frames given up: rate, number, number by reason |
 | ``last drop`` | why the last one was, where there is more to say than the reason |
+| ``last drop code`` | of that reason, see `uw_recon_ros.findings.Code` |
+| ``codes`` | of all standing findings, separated by commas; each is a key as well, with its text |
 | ``work [s]``, ``work p95 [s]``, ``work max [s]`` | time a frame was worked on: median, 95th percentile, most |
 | ``effort`` | of the matcher, spent on the last frame |
 | ``target [Hz]``, ``possible [Hz]`` | ``target_rate_hz``, where set, and the rate that the last frame's work allows |
@@ -30,10 +32,12 @@ import statistics
 import threading
 import time
 from collections import Counter, defaultdict, deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+
+from uw_recon_ros.findings import Code, Finding
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 #: The graph's way to keep up, no faults: frames overtaken here, and what belonged to frames overtaken elsewhere.
@@ -65,6 +69,8 @@ class Diagnostics:
         self._ticks: deque[Counter[str]] = deque(maxlen=_WINDOW_TICKS)
         self._drops: Counter[str] = Counter()
         self._last_drop = ""
+        self._last_code = ""
+        self._findings: dict[str, tuple[Finding, ...]] = {}
         self._facts: dict[str, str] = {}
         self._ends: dict[str, str] = {}
         self._problems: dict[str, str] = {}
@@ -77,12 +83,13 @@ class Diagnostics:
             self._now[what] += number
             self._busy_at = time.monotonic()
 
-    def drop(self, reason: str, text: str = "", number: int = 1) -> None:
+    def drop(self, reason: str, text: str = "", number: int = 1, code: Code | None = None) -> None:
         """Count frames given up, with the last one's words."""
         with self._lock:
             self._drops[reason] += number
             self._now["skipped" if reason in _NO_FAULT else "failed"] += number
-            self._last_drop = text or self._last_drop
+            if text:
+                self._last_drop, self._last_code = text, str(code or "")
             self._busy_at = time.monotonic()
 
     def measure(self, what: str, value: float) -> None:
@@ -113,6 +120,12 @@ class Diagnostics:
         if begins and text is not None:
             self._on_problem(key, text)
 
+    def found(self, key: str, findings: Sequence[Finding]) -> None:
+        """Set what stands now: a problem under `key` for people, a code each for programs."""
+        with self._lock:
+            self._findings[key] = tuple(findings)
+        self.problem(key, "; ".join(map(str, findings)) or None)
+
     @property
     def drops(self) -> dict[str, int]:
         """Frames given up since the start, by reason."""
@@ -122,7 +135,7 @@ class Diagnostics:
     def forget(self) -> None:
         """Forget what is known of frames and standing problems; numbers of drops stay."""
         with self._lock:
-            for known in (self._facts, self._problems, self._recent, self._ticks, self._now):
+            for known in (self._facts, self._problems, self._findings, self._recent, self._ticks, self._now):
                 known.clear()
 
     def tick(
@@ -149,7 +162,16 @@ class Diagnostics:
             now, self._now = self._now, Counter()
             self._ticks.append(now)
             level, message = (ERROR, trouble) if trouble else self._verdict(now)
-            told = idle, self._facts, self._ends, self._rates(), self._spreads(), self._dropped(), self._problems
+            told = (
+                idle,
+                self._facts,
+                self._ends,
+                self._rates(),
+                self._spreads(),
+                self._dropped(),
+                self._problems,
+                self._codes(),
+            )
             values = {key: value for part in told for key, value in part.items()}
         if trouble:
             values["transition"] = trouble
@@ -186,8 +208,14 @@ class Diagnostics:
             spreads[f"{what} max [s]"] = f"{ordered[-1]:.4g}"
         return spreads
 
+    def _codes(self) -> dict[str, str]:
+        texts = {finding.code.value: finding.text for found in self._findings.values() for finding in found}
+        return {**texts, "codes": ",".join(texts)} if texts else {}
+
     def _dropped(self) -> dict[str, str]:
         dropped = {f"dropped: {reason}": str(number) for reason, number in sorted(self._drops.items())}
         if self._last_drop:
             dropped["last drop"] = self._last_drop
+        if self._last_code:
+            dropped["last drop code"] = self._last_code
         return {"dropped": str(sum(self._drops.values())), **dropped}

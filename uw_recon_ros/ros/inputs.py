@@ -167,7 +167,7 @@ class Inputs:
             self.assembler.push(wanted.name, stamp, message, _size(message))
 
     def _refuse(self, topic: str, error: MessageError) -> None:
-        self._diagnostics.drop(type(error).__name__, f"{topic}: {error}")
+        self._diagnostics.drop(type(error).__name__, f"{topic}: {error}", code=error.code)
         self._warn(f"refused {topic}", f"message refused: {topic}: {error}")
 
     def _deliver(self, group: Group) -> None:

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import Any, Generic, Protocol, TypeVar
 
 from uw_recon_ros.errors import ReconError
+from uw_recon_ros.findings import Code
 from uw_recon_ros.ros.diagnostics import DEACTIVATED, SUPERSEDED, Diagnostics
 from uw_recon_ros.ros.message_groups import Group
 from uw_recon_ros.ros.outputs import Outputs, Publishers
@@ -152,7 +153,7 @@ class Session(Generic[S]):
             took_s = time.monotonic() - started
             self._node.finished(stage, took_s)
         except (ReconError, ValueError) as error:
-            self._failed(outputs, type(error).__name__, str(error))
+            self._failed(outputs, type(error).__name__, str(error), code=getattr(error, "code", None))
         except Exception as error:  # a bug of ours, or of a library: the node must live to report it
             text = f"internal error: {error!r}"
             self._failed(outputs, f"internal {type(error).__name__}", text, traceback.format_exc())
@@ -169,10 +170,10 @@ class Session(Generic[S]):
         if abs(latency_s) < _LONGEST_LATENCY_S:  # else the stamps are not of this clock: a replay without use_sim_time
             self._diagnostics.measure("latency", latency_s)
 
-    def _failed(self, outputs: Outputs, reason: str, text: str, details: str = "") -> None:
+    def _failed(self, outputs: Outputs, reason: str, text: str, details: str = "", code: Code | None = None) -> None:
         if not outputs.open:
             self._diagnostics.drop(DEACTIVATED)
             return
-        self._diagnostics.drop(reason, text)
+        self._diagnostics.drop(reason, text, code=code)
         line = f"frame dropped: {text}" + (f"\n{details}" if details else "")
         self._node.warn(f"{reason} {text[:40]}", line)
