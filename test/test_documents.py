@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+import uw_recon_ros
 from uw_recon_ros.catalogue import ALL_PARAMS
 from uw_recon_ros.cli import VERBS
 from uw_recon_ros.findings import Code
@@ -115,6 +116,8 @@ def test_the_reference_holds_everything(site: Path) -> None:
         return re.sub(r"<[^>]*>", "", (site / page).read_text(encoding="utf-8"))
 
     assert [code.value for code in Code if code.value not in text("_generated/codes.html")] == []
+    names = [f"uw_recon_ros.{name}" for name in uw_recon_ros.__all__]
+    assert [name for name in names if f'id="{name}"' not in (site / "_generated/python.html").read_text("utf-8")] == []
     assert [verb for verb in VERBS if f"usage: uw_recon {verb}" not in text("_generated/commands.html")] == []
     assert [topic.name for topic in TOPICS if topic.name not in text("topics.html")] == []
     names = [spec.name for cls in ALL_PARAMS for spec in cls.specs()]

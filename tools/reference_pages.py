@@ -1,16 +1,19 @@
-"""Write the pages of the reference that follow from the code, for ``docs/conf.py``: commands, launch, codes."""
+"""Write the pages of the reference that follow from the code, for ``docs/conf.py``: commands, Python, ..."""
 
 from __future__ import annotations
 
 import argparse
 import ast
 import contextlib
+import importlib
+import inspect
 import os
 import tokenize
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from unittest import mock
 
+import uw_recon_ros
 from uw_recon_ros import findings
 from uw_recon_ros.cli import VERBS, make_parser
 from uw_recon_ros.findings import Code
@@ -24,6 +27,13 @@ Generated from `launch/uw_recon.launch.py`. `ros2 launch uw_recon_ros uw_recon.l
 | name | default | what it is |
 | --- | --- | --- |
 """
+PYTHON = """# Python
+
+What `import uw_recon_ros` offers, and the modules of the nouns with what they have beside it.
+Examples: [from Python](../python.md). All codes: [codes of findings and errors](codes.md).
+
+"""
+MORE_MODULES = ("types", "calibration", "calibration.judge", "trajectory", "findings", "errors")
 CODES = """What is found, and every error, has a code. A text may change, a code may not: programs go by codes.
 In Python `Code.IMAGE_IDENTICAL` is `image.identical`, and so on. Generated from `uw_recon_ros.findings.Code`.
 
@@ -64,6 +74,34 @@ def launch_page() -> str:
     return LAUNCH + "".join(rows)
 
 
+def _section(title: str, directives: Iterable[str]) -> str:
+    return f"## {title}\n\n```{{eval-rst}}\n" + "\n".join(directives) + "```\n\n"
+
+
+def _front_door(kind: Callable[[object], bool], directive: str) -> Iterator[str]:
+    for name in uw_recon_ros.__all__:
+        if kind(getattr(uw_recon_ros, name)):
+            few = "   :no-members:\n" if name == "Code" else ""  # its members have a page of their own
+            yield f".. {directive}:: uw_recon_ros.{name}\n{few}"
+
+
+def _module(name: str) -> str:
+    """A module without what the front door has of it."""
+    offered = {getattr(uw_recon_ros, name) for name in uw_recon_ros.__all__}
+    module = importlib.import_module(f"uw_recon_ros.{name}")
+    told = [key for key, found in vars(module).items() if inspect.isroutine(found) or inspect.isclass(found)]
+    told = [key for key in told if vars(module)[key] in offered]
+    without = f"   :exclude-members: {', '.join(told)}\n" if told else ""
+    return _section(f"uw_recon_ros.{name}", [f".. automodule:: uw_recon_ros.{name}\n{without}"])
+
+
+def python_page() -> str:
+    """The front door, and the nouns behind it."""
+    functions = _section("Functions", _front_door(inspect.isroutine, "autofunction"))
+    classes = _section("Classes", _front_door(inspect.isclass, "autoclass"))
+    return PYTHON + functions + classes + "".join(map(_module, MORE_MODULES))
+
+
 def _remarks() -> Iterator[tuple[int, str]]:
     """Comments ``#:`` of the module of codes, by line."""
     with tokenize.open(str(findings.__file__)) as source:
@@ -88,6 +126,7 @@ def write(folder: Path) -> None:
     """Write all pages; those that are as they were keep their time, so that a second build is quick."""
     folder.mkdir(exist_ok=True)
     pages = {"commands.md": commands_page(), "launch.md": launch_page(), "codes.md": codes_page()}
+    pages["python.md"] = python_page()
     for name, text in pages.items():
         with contextlib.suppress(FileNotFoundError):
             if (folder / name).read_text(encoding="utf-8") == text:
