@@ -71,7 +71,10 @@ def _faults(status: Status) -> str:
 
 def _remedy(status: Status) -> str:
     """What to do about what a node complains of: by its codes."""
-    told = [*status.values.get("codes", "").split(","), status.values.get("last drop code", ""), *status.values]
+    values = status.values
+    told = [*values.get("codes", "").split(","), *values]
+    if status.level >= _ERROR or status.message == values.get("last drop"):
+        told.insert(0, values.get("last drop code", ""))
     advice = next((_REMEDIES[code] for code in told if code in _REMEDIES), None)
     return advice or "the message says what was expected and what came"
 
