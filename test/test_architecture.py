@@ -20,7 +20,7 @@ from uw_recon_ros.pipeline import PipelineParams, read_values
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "uw_recon_ros"
 NOUNS = {"", "types", "params", "errors", "images", "image_header", "calibration", "pairing", "jit", "progress"}
-NOUNS |= {"lazy", "stopwatch", "bounds", "image_pair", "file_kinds", "strict_yaml", "system_errors"}
+NOUNS |= {"files", "lazy", "stopwatch", "bounds", "image_pair", "file_kinds", "strict_yaml", "system_errors"}
 NOUNS |= {"evaluate", "signals", "findings", "topics", "trajectory", "rigid", "evaluate_trajectory", "unseen"}
 STAGE_ROOMS = {"preprocess", "rectify", "match", "reconstruct"}
 NODE_PARAMS = {"node_params", "catalogue"}

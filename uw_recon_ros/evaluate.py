@@ -10,7 +10,8 @@ import numpy as np
 
 from uw_recon_ros.bounds import LARGEST_IMAGE_FILE
 from uw_recon_ros.errors import ImageError
-from uw_recon_ros.images import decode_any, write_bytes, write_image
+from uw_recon_ros.files.atomic import write_bytes
+from uw_recon_ros.images import decode_any, write_image
 from uw_recon_ros.system_errors import read_bounded
 from uw_recon_ros.types import FloatImage, Mask
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.bounds import LARGEST_IMAGE_FILE, LARGEST_PIXELS
 from uw_recon_ros.errors import ImageError
+from uw_recon_ros.files.atomic import write_bytes
 from uw_recon_ros.image_header import declared_size, pixels_only
 from uw_recon_ros.system_errors import read_bounded
 from uw_recon_ros.types import RawImage
@@ -240,14 +240,3 @@ def write_image(path: str | Path, image: RawImage) -> None:
     if not done:
         raise ImageError(f"{path}: {image.dtype} {image.shape} cannot be written as {path.suffix}")
     write_bytes(path, encoded.tobytes())
-
-
-def write_bytes(path: str | Path, data: bytes) -> None:
-    """Write a file whole or not at all: under a temporary name, then renamed."""
-    path = Path(path)
-    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        partial.write_bytes(data)
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from uw_recon_ros.errors import TrajectoryError
-from uw_recon_ros.images import write_bytes
+from uw_recon_ros.files.atomic import write_bytes
 from uw_recon_ros.types import Matrix
 
 _CSV_HEAD = "stamp_ns,x,y,z,qx,qy,qz,qw,status,segment"

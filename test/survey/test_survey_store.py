@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from uw_recon_ros.survey.durable import publish
+from uw_recon_ros.files.atomic import publish
 from uw_recon_ros.survey.store import Store, SurveyError, compare, describe
 
 ROWS = [{"frame": i, "status": "ok", "reason": "ü" * i, "density": i / 7, "files": {}} for i in range(4)]

@@ -11,7 +11,7 @@ import yaml
 from uw_recon_ros import strict_yaml
 from uw_recon_ros.calibration.model import as_imaged, make_camera, short
 from uw_recon_ros.errors import CalibrationError
-from uw_recon_ros.images import write_bytes
+from uw_recon_ros.files.atomic import write_bytes
 from uw_recon_ros.types import CameraModel, Matrix, StereoCalibration
 
 T = TypeVar("T", dict[str, Any], list[Any], int, str)

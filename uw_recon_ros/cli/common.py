@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import TYPE_CHECKING, TypeVar
 
-from uw_recon_ros.progress import progress, say
+from uw_recon_ros.progress import Progress, say
 
 if TYPE_CHECKING:
     from uw_recon_ros.pipeline import PipelineParams
@@ -33,7 +33,7 @@ def pipeline_params(args: argparse.Namespace, **given: object) -> PipelineParams
 
 def shown(what: str) -> Callable[[Collection[T]], Iterable[T]]:
     """How far a loop is, told on standard error."""
-    return lambda items: progress(items, what, len(items))
+    return lambda items: Progress().watch(items, what, len(items))
 
 
 def warn(warnings: Iterable[Mapping[str, str]]) -> None:

@@ -65,8 +65,8 @@ def _positive(text: str) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Reconstruct, and say what came of it."""
+    from uw_recon_ros.progress import Progress
     from uw_recon_ros.survey.job import Request
-    from uw_recon_ros.survey.progress import Teller
     from uw_recon_ros.survey.run import run_survey
 
     try:
@@ -74,9 +74,9 @@ def run(args: argparse.Namespace) -> int:
     except (TypeError, ValueError) as error:
         raise UsageError(str(error)) from error
     request = Request(args.inputs, args.output, pipeline_params(args), survey_params, args.calibration, args.overwrite)
-    teller = Teller("quiet" if args.quiet else "json" if args.json else "people")
+    progress = Progress("quiet" if args.quiet else "json" if args.json else "people")
     try:
-        outcome = run_survey(request, lambda: _executor(args), teller)
+        outcome = run_survey(request, lambda: _executor(args), progress)
     except KeyboardInterrupt:
         signals.tell_interrupted(f"{args.output}: interrupted; the same command goes on from there")
         return signals.INTERRUPTED

@@ -14,7 +14,7 @@ from PIL import Image
 from trimesh.exchange.ply import export_ply
 
 from uw_recon_ros.errors import ReconError
-from uw_recon_ros.images import write_bytes
+from uw_recon_ros.files.atomic import write_bytes
 from uw_recon_ros.types import ByteImage, PointCloud, Surface
 
 #: glTF's axes (y up, looking along -z) from an optical frame's (y down, looking along +z).

@@ -10,7 +10,7 @@ from html import escape
 from importlib.resources import files
 from pathlib import Path
 
-from uw_recon_ros.images import write_bytes
+from uw_recon_ros.files.atomic import write_bytes
 from uw_recon_ros.report.content import Figure, Section, Summary
 from uw_recon_ros.report.markup import section_markup, top_markup
 from uw_recon_ros.types import Surface

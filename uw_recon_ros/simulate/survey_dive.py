@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import trimesh
 
-from uw_recon_ros.images import write_bytes
+from uw_recon_ros.files.atomic import write_bytes
 from uw_recon_ros.simulate.bottom import make_bottom, moved, without_movers
 from uw_recon_ros.simulate.cast import cast
 from uw_recon_ros.simulate.course import Course

@@ -10,9 +10,9 @@ from typing import Any
 
 from uw_recon_ros.params import Params
 from uw_recon_ros.pipeline import PipelineParams
+from uw_recon_ros.progress import Progress
 from uw_recon_ros.survey.params import SurveyParams
 from uw_recon_ros.survey.plan import versions
-from uw_recon_ros.survey.progress import Teller
 from uw_recon_ros.survey.sources import Source, fingerprint, sha256, source_files
 from uw_recon_ros.survey.store import SurveyError
 
@@ -93,7 +93,7 @@ class Outcome:
         return not self.failed and not self.unreadable
 
 
-def settings_of(request: Request, sources: list[Source], teller: Teller) -> dict[str, Any]:
+def settings_of(request: Request, sources: list[Source], progress: Progress) -> dict[str, Any]:
     """Everything the output depends on: the same settings give the same bytes.
 
     Raises
@@ -101,7 +101,7 @@ def settings_of(request: Request, sources: list[Source], teller: Teller) -> dict
     BagError
         An input cannot be read.
     """
-    meter = _Meter(teller, sum(file.stat().st_size for source in sources for file in source_files(source)))
+    meter = _Meter(progress, sum(file.stat().st_size for source in sources for file in source_files(source)))
     names: dict[str, dict[str, str]] = {}
     for source in sources:
         name = source.name if source.name not in names else f"{source.name} ({len(names)})"
@@ -125,11 +125,11 @@ def _values(params: Params) -> dict[str, Any]:
 class _Meter:
     """Says now and then how much of the input is read."""
 
-    def __init__(self, teller: Teller, total: int) -> None:
-        self._teller, self._total, self._read, self._said = teller, total, 0, time.monotonic()
+    def __init__(self, progress: Progress, total: int) -> None:
+        self._progress, self._total, self._read, self._said = progress, total, 0, time.monotonic()
 
     def __call__(self, count: int) -> None:
         self._read += count
         if time.monotonic() - self._said > _SAY_EVERY_S:
             self._said = time.monotonic()
-            self._teller.line(f"checking input: {self._read / 1e9:.1f} of {self._total / 1e9:.1f} GB")
+            self._progress.line(f"checking input: {self._read / 1e9:.1f} of {self._total / 1e9:.1f} GB")

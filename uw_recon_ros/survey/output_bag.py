@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from uw_recon_ros.bags import BagWriter, open_bag
-from uw_recon_ros.survey.durable import write_json
+from uw_recon_ros.files.atomic import write_json
 from uw_recon_ros.survey.frame_messages import LATCHED
 from uw_recon_ros.survey.store import Store
 from uw_recon_ros.survey.write import BAG_PARTS, frame_name

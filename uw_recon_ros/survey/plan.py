@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from uw_recon_ros import __version__
+from uw_recon_ros.files.atomic import write_bytes
 from uw_recon_ros.findings import Finding
 from uw_recon_ros.match.stage import MatchParams
 from uw_recon_ros.pipeline import PipelineParams
@@ -24,7 +25,6 @@ from uw_recon_ros.reconstruct.stage import ReconstructParams
 from uw_recon_ros.rectify.rectification import Rectification
 from uw_recon_ros.rectify.stage import RectifyParams
 from uw_recon_ros.rectify.views import View
-from uw_recon_ros.survey.durable import write_durably
 from uw_recon_ros.survey.packed import pack, unpack
 from uw_recon_ros.survey.pair_index import Frame
 from uw_recon_ros.survey.params import SurveyParams
@@ -122,7 +122,7 @@ def save_plan(plan: Plan, state: Path) -> Callable[[Frame], Task]:
     """Write the plan; return what makes a task of a frame."""
     path = (state / "plan.npz").absolute()
     data = pack(plan)
-    write_durably(path, data)
+    write_bytes(path, data, durable=True)
     digest = hashlib.sha256(data).hexdigest()
     return lambda frame: Task(str(path), digest, frame)
 

@@ -14,8 +14,8 @@ from html import escape
 from importlib.resources import files
 from typing import Any
 
+from uw_recon_ros.files.atomic import write_bytes
 from uw_recon_ros.report.embed import script_safe
-from uw_recon_ros.survey.durable import write_durably
 from uw_recon_ros.survey.figures import (
     LEFT,
     RIGHT,
@@ -46,7 +46,7 @@ def write_report(store: Store, rows: list[Row], made: dict[str, Any]) -> None:
     made : dict
         What ``report.json`` holds.
     """
-    write_durably(store.root / "report.html", render_report(store, rows, made).encode())
+    write_bytes(store.root / "report.html", render_report(store, rows, made).encode(), durable=True)
 
 
 def render_report(store: Store, rows: list[Row], made: dict[str, Any]) -> str:

@@ -10,15 +10,15 @@ from typing import Any
 
 from uw_recon_ros.calibration import read_calibration
 from uw_recon_ros.errors import BagError
+from uw_recon_ros.files.atomic import write_bytes, write_json
+from uw_recon_ros.progress import Progress
 from uw_recon_ros.rectify.rectification import Rectification
-from uw_recon_ros.survey.durable import write_durably, write_json
 from uw_recon_ros.survey.executor import Executor, Lost
 from uw_recon_ros.survey.job import Outcome, Request, settings_of
 from uw_recon_ros.survey.listing import Listing, list_frames
 from uw_recon_ros.survey.output_bag import assemble, is_assembled
 from uw_recon_ros.survey.pair_index import Frame
 from uw_recon_ros.survey.plan import Plan, save_plan
-from uw_recon_ros.survey.progress import Teller
 from uw_recon_ros.survey.report import write_report
 from uw_recon_ros.survey.rig_estimate import rectify_rigs, sort_rigs
 from uw_recon_ros.survey.sources import Source, find_sources
@@ -32,7 +32,7 @@ from uw_recon_ros.warm import tell_if_cold
 _FINISHED = "finished.json"
 
 
-def run_survey(request: Request, make_executor: Callable[[], Executor], teller: Teller) -> Outcome:
+def run_survey(request: Request, make_executor: Callable[[], Executor], progress: Progress) -> Outcome:
     """Reconstruct what is not reconstructed yet, and write the report.
 
     Parameters
@@ -40,7 +40,7 @@ def run_survey(request: Request, make_executor: Callable[[], Executor], teller: 
     request : Request
     make_executor : callable
         Called when there is work.
-    teller : Teller
+    progress : Progress
 
     Returns
     -------
@@ -55,25 +55,25 @@ def run_survey(request: Request, make_executor: Callable[[], Executor], teller: 
     request.check_extras()
     sources = find_sources(request.inputs)
     with Store(request.output) as store:
-        settings = settings_of(request, sources, teller)
+        settings = settings_of(request, sources, progress)
         store.claim(settings, overwrite=request.overwrite)
-        listing = _list(request, sources, teller)
+        listing = _list(request, sources, progress)
         standing = frozenset(_standing(store, listing.frames))
-        run = _Run(request, store, sources, settings, listing, standing, teller, started)
+        run = _Run(request, store, sources, settings, listing, standing, progress, started)
         if len(standing) == len(listing.frames) and (store.state / _FINISHED).is_file():
-            teller.line(f"{request.output}: finished before, nothing to do (--overwrite begins anew)")
+            progress.line(f"{request.output}: finished before, nothing to do (--overwrite begins anew)")
         else:
             run.go_on(make_executor())
         return run.outcome()
 
 
-def _list(request: Request, sources: list[Source], teller: Teller) -> Listing:
+def _list(request: Request, sources: list[Source], progress: Progress) -> Listing:
     given = read_calibration(request.calibration) if request.calibration else None
     listing = list_frames(sources, request.survey, given, request.pipeline.rectify.images_rectified)
     listing.frames, more = sort_rigs(listing.frames, listing.calibrations, request.pipeline.rectify)
     listing.notes += more
     for sentence in [*listing.unreadable, *listing.notes]:
-        teller.line(f"note: {sentence}")
+        progress.line(f"note: {sentence}")
     return listing
 
 
@@ -99,7 +99,7 @@ class _Run:
     settings: dict[str, Any]
     listing: Listing
     standing: frozenset[int]
-    teller: Teller
+    progress: Progress
     started: float
 
     def go_on(self, executor: Executor) -> None:
@@ -117,20 +117,20 @@ class _Run:
         rigs, hand = self._prepare(executor)
         todo = [frame for frame in self.listing.frames if frame.number not in self.standing]
         before = f", {len(self.standing)} of these are there" if self.standing else ""
-        self.teller.line(f"{len(self.listing.frames)} frames{before}; {executor.description}, a frame at a time each")
+        self.progress.line(f"{len(self.listing.frames)} frames{before}; {executor.description}, a frame at a time each")
         if todo:
-            tell_if_cold(self.teller.line, [self.request.pipeline.match.method])
+            tell_if_cold(self.progress.line, [self.request.pipeline.match.method])
         told: set[str] = set()
         results = executor.run(reconstruct_frame, map(hand, todo))
-        for task, result in self.teller.watch(results, "frames", len(self.listing.frames), len(self.standing)):
+        for task, result in self.progress.watch(results, "frames", len(self.listing.frames), len(self.standing)):
             row = self._lost_row(task.frame, result) if isinstance(result, Lost) else result
             self.store.append(row)
             if not succeeded(row):
-                self.teller.line(f"frame {row['frame']}: {row['reason']}")
+                self.progress.line(f"frame {row['frame']}: {row['reason']}")
                 continue
             for code in set(codes(row)) - told:
                 told.add(code)
-                self.teller.line(_first_of_its_kind(row, code))
+                self.progress.line(_first_of_its_kind(row, code))
         return rigs
 
     def _prepare(self, executor: Executor) -> tuple[dict[int, Rectification], Callable[[Frame], Any]]:
@@ -139,7 +139,7 @@ class _Run:
         root = str(self.store.root.absolute())
         plan = Plan(root, self.sources, listing.calibrations, request.survey, request.pipeline)
         if any(frame.rig < 0 for frame in listing.frames):
-            self.teller.line("no calibration: estimating the rig from frames spread over the survey")
+            self.progress.line("no calibration: estimating the rig from frames spread over the survey")
         rigs, notes = rectify_rigs(
             listing.frames, listing.calibrations, request.pipeline.rectify, request.survey.rig_frames, executor,
             save_plan(plan, self.store.state), self.store.state,
@@ -162,8 +162,8 @@ class _Run:
         """The bag, the tables and the report, once all frames are there."""
         rows, store, listing = self._rows(), self.store, self.listing
         self._assemble(rows)
-        write_durably(store.root / "frames.csv", frames_csv(rows))
-        write_durably(store.root / "timing.csv", timing_csv(rows))
+        write_bytes(store.root / "frames.csv", frames_csv(rows), durable=True)
+        write_bytes(store.root / "timing.csv", timing_csv(rows), durable=True)
         made = report(self.settings, rows, rigs, listing.pairs, listing.notes, listing.unreadable)
         write_json(store.root / "report.json", made)
         write_json(store.root / "run.json", self._facts(workers, rows))
@@ -175,7 +175,7 @@ class _Run:
             return
         shares = [row["frame"] for row in rows if any(name.startswith(BAG_PARTS) for name in row["files"])]
         try:
-            assemble(self.store, shares, lambda parts: self.teller.watch(parts, "frames into the bag", len(shares)))
+            assemble(self.store, shares, lambda parts: self.progress.watch(parts, "frames into the bag", len(shares)))
         except BagError as error:
             raise SurveyError(f"{error}; the same command goes on from there") from error
 

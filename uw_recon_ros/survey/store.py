@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from uw_recon_ros.errors import ReconError
-from uw_recon_ros.survey.durable import sync_folder, write_json
+from uw_recon_ros.files.atomic import sync_folder, write_json
 
 
 def compare(before: Any, now: Any, name: str = "") -> list[tuple[str, Any, Any]]:

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all, and are on the disk when they do."""
+"""Files that appear whole or not at all and, where it is asked for, are on the disk when they do."""
 
 from __future__ import annotations
 
@@ -24,20 +24,32 @@ def sync_file(path: Path) -> None:
         os.fsync(stream.fileno())
 
 
-def write_durably(path: Path, data: bytes) -> None:
-    """Write a file whole or not at all, and on the disk when this returns."""
-    partial = path.with_name(f".{path.name}.part")
-    with partial.open("wb") as stream:
-        stream.write(data)
-        stream.flush()
-        os.fsync(stream.fileno())
-    partial.replace(path)
-    sync_folder(path.parent)
+def write_bytes(path: str | Path, data: bytes, *, durable: bool = False) -> None:
+    """Write a file whole or not at all: under a temporary name, then renamed.
+
+    Parameters
+    ----------
+    path : path
+    data : bytes
+    durable : bool
+        Whether it is on the disk when this returns.
+    """
+    path = Path(path)
+    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        partial.write_bytes(data)
+        if durable:
+            sync_file(partial)
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+    if durable:
+        sync_folder(path.parent)
 
 
 def write_json(path: Path, content: Any) -> None:
-    """As `write_durably`, keys in the order given."""
-    write_durably(path, (json.dumps(content, indent=2, allow_nan=False) + "\n").encode())
+    """Write JSON durably, keys in the order given."""
+    write_bytes(path, (json.dumps(content, indent=2, allow_nan=False) + "\n").encode(), durable=True)
 
 
 def publish(staged: Mapping[Path, Path]) -> None:
