@@ -271,7 +271,7 @@ def test_half_a_camera_is_told_on_every_door(room: Path, tmp_path: Path, capsys:
     valid = np.isfinite(read_disparity(tmp_path / "out" / "disparity" / "000001.pfm"))
     assert valid[:28].mean() > 0.3
     assert not valid[40:].any()
-    last = ["--start", str((broken[-1].stamp_ns - broken[0].stamp_ns) / 1e9 - 0.01)]
+    last = ["--start", str((broken[-1].log_ns - broken[0].log_ns) / 1e9 - 0.01)]
     assert main([*arguments(room, tmp_path / "last", dive="half"), *last]) == 0
     assert all(row["warnings"].startswith("region.frozen") for row in table(tmp_path / "last" / "frames.csv"))
 
