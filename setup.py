@@ -26,6 +26,7 @@ TEST = [
     *DASK,
     *LAZ,
     *COMPLETION,
+    "rasterio>=1.3",
 ]
 
 
@@ -79,6 +80,7 @@ setup(
         "pillow>=9",
         "PyYAML>=6",
         "tqdm>=4.60",
+        "tifffile>=2022.5",
     ],
     extras_require={
         "ros-jazzy": ros_wheels("jazzy"),

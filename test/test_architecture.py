@@ -41,14 +41,18 @@ MAY_IMPORT = {
     "track": NOUNS | {"track"},
     "align": NOUNS | {"track", "align"},
     "locate": NOUNS | {"track", "align", "locate"},
+    "fuse": NOUNS | {"fuse"},
+    "drape": NOUNS | {"drape"},
+    "georeference": NOUNS | {"georeference"},
     "report": NOUNS | {"report"},
     "pair": OFFLINE | {"given_pair", "report", "warm"},
     "doctor": NOUNS | {"rectify", "node_params", "doctor"},
     "ros": NOUNS | STAGE_ROOMS | NODE_PARAMS | {"ros", "doctor", "messages"},
     "nodes": OFFLINE | {"ros", "nodes", "bags"},
     "survey": OFFLINE | {"survey", "bags", "report", "messages", "warm"},
+    "model": OFFLINE | {"survey", "track", "locate", "fuse", "drape", "georeference", "model"},
     "executables": {"", "signals"},
-    "cli": OFFLINE | {"cli", "pair", "warm", "bags", "simulate", "report", "survey", "doctor", "ros"},
+    "cli": OFFLINE | {"cli", "pair", "warm", "bags", "simulate", "report", "survey", "model", "doctor", "ros"},
 }
 ROS_PACKAGES = re.compile(r"rclpy|rcl_interfaces|builtin_interfaces|ament_index_python|\w+_msgs|std_srvs|launch(_ros)?")
 MODULES = sorted(PACKAGE.rglob("*.py"))

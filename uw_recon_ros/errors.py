@@ -63,3 +63,9 @@ class TrajectoryError(ReconError):
     """A trajectory cannot be read, or cannot be compared with another."""
 
     default_code = Code.TRAJECTORY
+
+
+class ModelError(ReconError):
+    """A model of a dive cannot be made of what is there, or cannot be judged."""
+
+    default_code = Code.MODEL

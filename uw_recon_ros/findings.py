@@ -70,6 +70,17 @@ class Code(str, Enum):
     RECTIFY_ROWS_DISAGREE = "rectify.rows_disagree"
     RECTIFY_SCALE_WITHHELD = "rectify.scale_withheld"
     RECTIFY_TIE_POINTS = "rectify.tie_points"
+    # models of a dive
+    MODEL = "model"
+    MODEL_DISK = "model.disk"
+    MODEL_EXISTS = "model.exists"
+    MODEL_FRAMES_DROPPED = "model.frames_dropped"
+    MODEL_NOTHING = "model.nothing"
+    MODEL_NOT_KEPT = "model.not_kept"
+    MODEL_NOT_METRIC = "model.not_metric"
+    MODEL_NO_OVERLAP = "model.no_overlap"
+    MODEL_NO_SURVEY = "model.no_survey"
+    MODEL_POSES = "model.poses"
     # parts of an image that show no scene
     REGION_BLANK = "region.blank"
     REGION_BORDER = "region.border"

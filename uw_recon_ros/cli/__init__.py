@@ -12,14 +12,27 @@ import sys
 from collections.abc import Collection, Sequence
 
 from uw_recon_ros import signals
-from uw_recon_ros.cli import completion, disparity, doctor, evaluate, info, pack, pair, simulate, survey, warmup
+from uw_recon_ros.cli import (
+    completion,
+    disparity,
+    doctor,
+    evaluate,
+    evaluate_model,
+    info,
+    model,
+    pack,
+    pair,
+    simulate,
+    survey,
+    warmup,
+)
 from uw_recon_ros.cli.common import FAILED, OUR_FAULT, USAGE, UsageError
 from uw_recon_ros.errors import ReconError
 from uw_recon_ros.progress import say
 from uw_recon_ros.system_errors import explain, our_fault
 
-_MODULES = (pair, disparity, pack, info, simulate, evaluate, doctor, warmup, survey, completion)
-VERBS = {verb.__name__.rpartition(".")[2]: verb for verb in _MODULES}
+_MODULES = (pair, disparity, pack, info, simulate, evaluate, doctor, warmup, survey, model, evaluate_model, completion)
+VERBS = {verb.__name__.rpartition(".")[2].replace("_", "-"): verb for verb in _MODULES}
 
 
 class _Version(argparse.Action):

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, TypeVar
 from uw_recon_ros.progress import Progress, say
 
 if TYPE_CHECKING:
+    from uw_recon_ros.params import ParamSpec
     from uw_recon_ros.pipeline import PipelineParams
 
 T = TypeVar("T")
@@ -29,6 +30,25 @@ def pipeline_params(args: argparse.Namespace, **given: object) -> PipelineParams
         return PipelineParams.from_mapping((read_values(args.params) if args.params else {}) | options)
     except (TypeError, ValueError) as error:
         raise UsageError(str(error)) from error
+
+
+def add_params(parser: argparse.ArgumentParser, specs: Iterable[ParamSpec]) -> None:
+    """An option for each parameter."""
+    for spec in specs:
+        kind = (
+            {"choices": spec.choices} if spec.choices else {"type": spec.type, "metavar": spec.type.__name__[0].upper()}
+        )
+        parser.add_argument(
+            f"--{spec.name.replace('_', '-')}",
+            help=f"{spec.doc} {f'[{spec.unit}] ' if spec.unit else ''}(default: {spec.default!r})".replace("%", "%%"),
+            **kind,
+        )
+
+
+def given_params(args: argparse.Namespace, specs: Iterable[ParamSpec]) -> dict[str, object]:
+    """Those that were given, by name."""
+    values = {spec.name: getattr(args, spec.name) for spec in specs}
+    return {name: value for name, value in values.items() if value is not None}
 
 
 def shown(what: str) -> Callable[[Collection[T]], Iterable[T]]:

@@ -10,7 +10,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from uw_recon_ros import signals
-from uw_recon_ros.cli.common import FAILED, OK, UsageError, pipeline_params
+from uw_recon_ros.cli.common import FAILED, OK, UsageError, add_params, given_params, pipeline_params
 from uw_recon_ros.progress import say
 
 if TYPE_CHECKING:
@@ -45,15 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     telling.add_argument(
         "--json", action="store_true", help="the outcome as one JSON object on stdout, progress as JSON lines on stderr"
     )
-    for spec in SurveyParams.specs():
-        options = (
-            {"choices": spec.choices} if spec.choices else {"type": spec.type, "metavar": spec.type.__name__[0].upper()}
-        )
-        parser.add_argument(
-            f"--{spec.name.replace('_', '-')}",
-            help=f"{spec.doc} {f'[{spec.unit}] ' if spec.unit else ''}(default: {spec.default!r})".replace("%", "%%"),
-            **options,
-        )
+    add_params(parser, SurveyParams.specs())
 
 
 def _positive(text: str) -> int:
@@ -87,8 +79,7 @@ def run(args: argparse.Namespace) -> int:
 def _survey_params(args: argparse.Namespace) -> SurveyParams:
     from uw_recon_ros.survey.params import SurveyParams
 
-    given = {spec.name: getattr(args, spec.name) for spec in SurveyParams.specs()}
-    return SurveyParams.from_mapping({name: value for name, value in given.items() if value is not None})
+    return SurveyParams.from_mapping(given_params(args, SurveyParams.specs()))
 
 
 def _executor(args: argparse.Namespace) -> Executor:

@@ -8,7 +8,7 @@ from uw_recon_ros.pairing import PAIR_TOLERANCE_MS
 from uw_recon_ros.params import Params, param
 
 #: What can be written, in the order of `SurveyParams.write`.
-PRODUCTS = ("disparity", "depth", "clouds", "meshes", "views", "bag")
+PRODUCTS = ("disparity", "depth", "clouds", "meshes", "views", "bag", "model")
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,10 @@ class SurveyParams(Params):
         high=1e3,
     )
     stills_rate: float = param(2.0, "Pairs a second of stills, which carry no stamps.", unit="Hz", low=1e-6, high=1e6)
-    write: str = param("disparity,depth,clouds,meshes,views,bag", "What is written of each pair, separated by commas.")
+    write: str = param(
+        "disparity,depth,clouds,meshes,views,bag",
+        "What is written of each pair, separated by commas.",
+    )
     disparity_format: str = param("pfm", "PFM (invalid = inf) or float32 TIFF (NaN), in px.", choices=("pfm", "tiff"))
     depth_format: str = param(
         "tiff",

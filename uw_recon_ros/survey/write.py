@@ -19,6 +19,7 @@ from uw_recon_ros.reconstruct.export import write_glb, write_ply
 from uw_recon_ros.report.figures import colorize_disparity
 from uw_recon_ros.report.page import Summary, render_page
 from uw_recon_ros.survey.frame_messages import frame_messages
+from uw_recon_ros.survey.kept_frame import kept_name, kept_of, write_kept
 from uw_recon_ros.survey.params import SurveyParams
 from uw_recon_ros.types import ByteImage, FloatImage, PointCloud
 
@@ -50,6 +51,8 @@ def frame_files(number: int, log_ns: int, products: Products, params: SurveyPara
         files[f"meshes/{name}.glb"] = lambda path: write_glb(path, products.surface)
     if "views" in wanted and len(products.surface.faces):
         files[f"{VIEWS}/{name}.html"] = lambda path: write_bytes(path, _view(number, products).encode())
+    if "model" in wanted:
+        files[kept_name(name)] = lambda path: write_kept(path, kept_of(products))
     if "bag" in wanted:
         topics = params.chosen_topics
         files[f"{BAG_PARTS}/{name}.mcap"] = lambda path: _write_part(path, products, log_ns, topics)

@@ -1,0 +1,243 @@
+"""A simulated dive from the bag to its model, judged by its truth; and what is refused."""
+
+from __future__ import annotations
+
+import errno
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+from uw_recon_ros.cli import main
+from uw_recon_ros.errors import ModelError
+from uw_recon_ros.findings import Code
+from uw_recon_ros.model import build
+from uw_recon_ros.model.build import Request, build_model, round_up
+from uw_recon_ros.model.evaluate import distances, evaluate_model
+from uw_recon_ros.model.params import DiveModelParams
+from uw_recon_ros.survey.kept_frame import read_kept, write_kept
+from uw_recon_ros.trajectory import read_tum, write_tum
+
+FRAMES = 6
+PARAMS = """/**:
+  ros__parameters:
+    effort: navigation
+    min_disparity: 2
+    max_disparity: 40
+"""
+FILES = {"cloud.ply", "elevation.tif", "mesh.glb", "mesh.ply", "model.json", "orthomosaic.tif", "trajectory.csv",
+         "trajectory.txt"}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def dive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a survey's in ``survey`` and the truth in ``truth``."""
+    room = tmp_path_factory.mktemp("dive")
+    (room / "small.yaml").write_text(PARAMS)
+    size = ["--frames", str(FRAMES), "--width", "320", "--height", "240"]
+    assert main(["simulate", "--track", "line", *size, "-o", str(room / "bag"), "--truth", str(room / "truth")]) == 0
+    arguments = ["--params", str(room / "small.yaml"), "--write", "model", "--jobs", "1", "--quiet"]
+    assert main(["survey", str(room / "bag"), "-o", str(room / "survey"), *arguments]) == 0
+    return room
+
+
+@pytest.fixture(scope="module")
+def made(dive: Path) -> Path:
+    assert main(["model", str(dive / "survey"), "--quiet"]) == 0
+    return dive / "survey" / "model"
+
+
+@pytest.fixture
+def survey(dive: Path, tmp_path: Path) -> Path:
+    """The survey again, without its model."""
+    shutil.copytree(dive / "survey", tmp_path / "survey", ignore=shutil.ignore_patterns("model"))
+    return tmp_path / "survey"
+
+
+def frames(survey: Path) -> list[Path]:
+    return sorted((survey / "model_frames").iterdir())
+
+
+def build_quietly(survey: Path, **more: Any) -> dict[str, Any]:
+    return build_model(Request(str(survey), **{"params": DiveModelParams(), **more}), lambda _: None)
+
+
+def refused(survey: Path, **more: Any) -> ModelError:
+    with pytest.raises(ModelError) as caught:
+        build_quietly(survey, **more)
+    assert "\n" not in str(caught.value)
+    return caught.value
+
+
+def test_every_file_is_there(made: Path) -> None:
+    assert {path.name for path in made.iterdir()} == FILES
+
+
+def test_the_model_is_as_near_to_the_truth_as_is_said(
+    dive: Path, made: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["evaluate-model", str(dive / "survey"), str(dive / "truth")]) == 0
+    found = json.loads(capsys.readouterr().out)
+    (way,), (surface,) = found["trajectory"]["segments"], found["surface"]
+    assert way["frames"] == FRAMES
+    assert way["ate_m"] < 0.01
+    assert surface["median_mm"] < 5
+    assert surface["p95_mm"] < 25
+    assert surface["completeness_percent"] > 80
+    assert surface["within_1_sigma_percent"] > 50
+
+
+def test_a_model_that_lies_elsewhere_is_found_out(dive: Path, made: Path, tmp_path: Path) -> None:
+    shutil.copytree(dive / "survey" / "model", tmp_path / "model")
+    data = (made / "mesh.ply").read_bytes()
+    head, body = data.split(b"end_header\n", 1)
+    vertices = int(head.split(b"element vertex ")[1].split(b"\n")[0])
+    rows = np.frombuffer(body[: vertices * 33], np.uint8).reshape(vertices, 33).copy()
+    z = rows[:, 8:12].copy().view("<f4")
+    rows[:, 8:12] = (z + np.float32(0.05)).view(np.uint8)
+    (tmp_path / "model" / "mesh.ply").write_bytes(head + b"end_header\n" + rows.tobytes() + body[vertices * 33 :])
+    moved, right = (evaluate_model(x, dive / "truth")["surface"][0] for x in (tmp_path, dive / "survey"))
+    assert moved["bias_mm"] - right["bias_mm"] == pytest.approx(50, abs=3)
+    assert moved["median_mm"] > 40
+    assert moved["completeness_percent"] < 10
+
+
+def test_the_mesh_says_how_sure_it_is(made: Path) -> None:
+    mesh = trimesh.load(made / "mesh.ply", process=False)
+    data = mesh.metadata["_ply_raw"]["vertex"]["data"]
+    assert (data["views"] >= 1).all()
+    assert data["views"].max() > 2
+    assert (data["sigma"] > 0).all()
+    cloud = trimesh.load(made / "cloud.ply", process=False)
+    np.testing.assert_array_equal(cloud.vertices, mesh.vertices)
+    glb = trimesh.load(made / "mesh.glb", force="mesh", process=False)
+    np.testing.assert_allclose(glb.bounds[:, 1], mesh.bounds[:, 2], atol=1e-5)  # z up is y up there
+
+
+def test_the_same_survey_gives_the_same_bytes(made: Path, survey: Path) -> None:
+    build_quietly(survey, params=DiveModelParams(tile_m=0.3))
+    for name in FILES - {"model.json", "mesh.ply", "mesh.glb"}:  # there faces stand tile by tile
+        assert (survey / "model" / name).read_bytes() == (made / name).read_bytes(), name
+    build_quietly(survey, overwrite=True)
+    for name in FILES:
+        assert (survey / "model" / name).read_bytes() == (made / name).read_bytes(), name
+
+
+def test_poses_in_a_projected_system_put_the_maps_there(dive: Path, survey: Path, tmp_path: Path) -> None:
+    true = read_tum(dive / "truth" / "trajectory.txt")
+    start = np.array([500_000.0, 4_649_776.0, 0.0])
+    write_tum(tmp_path / "poses.txt", replace(true, origin=start))
+    params = DiveModelParams(epsg=32633, poses_sigma_m=0.01)
+    summary = build_quietly(survey, params=params, poses=str(tmp_path / "poses.txt"))
+    assert summary["origin"] == [500_000.0, 4_650_000.0, 0.0]
+    assert summary["crs"] == "EPSG:32633"
+    middle = true.positions.mean(axis=0) + start
+    (model,) = summary["models"]
+    rows, columns = model["cells"]
+    assert model["west"] < middle[0] < model["west"] + columns * model["cell"]
+    assert model["north"] - rows * model["cell"] < middle[1] < model["north"]
+    way = read_tum(survey / "model" / "trajectory.txt")
+    np.testing.assert_allclose(way.positions, true.positions + start, atol=0.03)
+    assert Code.TRACK_GRAVITY_UNKNOWN.value not in [w["code"] for w in summary["warnings"]]
+
+
+def test_without_a_scale_all_is_in_baselines_and_says_so(survey: Path, dive: Path) -> None:
+    for path in frames(survey):
+        frame = read_kept(path)
+        write_kept(path, replace(frame, geometry=frame.geometry.unscaled))
+    summary = build_quietly(survey)
+    assert Code.MODEL_NOT_METRIC.value in [w["code"] for w in summary["warnings"]]
+    assert not summary["reliable"]
+    assert b"comment unit baselines" in (survey / "model" / "mesh.ply").read_bytes()[:200]
+    with pytest.raises(ModelError, match="in metres"):
+        evaluate_model(survey, dive / "truth")
+
+
+def test_frames_of_another_scale_are_left_out_and_counted(survey: Path) -> None:
+    frame = read_kept(frames(survey)[2])
+    write_kept(frames(survey)[2], replace(frame, geometry=frame.geometry.unscaled))
+    summary = build_quietly(survey)
+    assert summary["frames"]["dropped"] == 1
+    assert Code.MODEL_FRAMES_DROPPED.value in [w["code"] for w in summary["warnings"]]
+
+
+def test_a_folder_that_is_no_survey_is_refused(tmp_path: Path) -> None:
+    assert refused(tmp_path).code == Code.MODEL_NO_SURVEY
+
+
+def test_a_survey_under_way_is_refused(survey: Path) -> None:
+    (survey / "state" / "finished.json").unlink()
+    assert "goes on with it" in str(refused(survey))
+
+
+def test_a_survey_that_kept_nothing_says_what_to_write(survey: Path) -> None:
+    shutil.rmtree(survey / "model_frames")
+    error = refused(survey)
+    assert error.code == Code.MODEL_NOT_KEPT
+    assert "--write model" in str(error)
+
+
+def test_one_frame_is_refused(survey: Path) -> None:
+    for path in frames(survey)[1:]:
+        path.unlink()
+    assert refused(survey).code == Code.MODEL_NO_OVERLAP
+
+
+def test_frames_that_do_not_overlap_are_refused(survey: Path) -> None:
+    for path in frames(survey)[2:]:
+        path.unlink()
+    frame = read_kept(frames(survey)[1])
+    write_kept(frames(survey)[1], replace(frame, left=np.zeros_like(frame.left),
+                                          disparity=np.full_like(frame.disparity, np.nan)))  # fmt: skip
+    assert refused(survey).code == Code.MODEL_NO_OVERLAP
+
+
+def test_a_damaged_frame_is_one_line(survey: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    frames(survey)[1].write_bytes(b"not a frame")
+    assert main(["model", str(survey), "--quiet"]) == 1
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_nothing_is_overwritten_unasked(survey: Path) -> None:
+    (survey / "model").mkdir()
+    (survey / "model" / "model.json").write_text("{}")
+    assert refused(survey).code == Code.MODEL_EXISTS
+    assert (survey / "model" / "model.json").read_text() == "{}"
+
+
+def test_a_full_disk_keeps_what_is_finished(survey: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(path: Path, data: bytes) -> None:
+        if path.suffix == ".tif":
+            raise OSError(errno.ENOSPC, "No space left on device", str(path))
+        path.write_bytes(data)
+
+    monkeypatch.setattr(build, "write_bytes", full)
+    error = refused(survey)
+    assert error.code == Code.MODEL_DISK
+    left = {path.name for path in (survey / "model").iterdir()}
+    assert {"trajectory.txt", "trajectory.csv", "mesh.ply"} <= left
+    assert "model.json" not in left
+
+
+def test_a_code_of_a_system_needs_poses_in_it(survey: Path) -> None:
+    assert refused(survey, params=DiveModelParams(epsg=32633)).code == Code.MODEL_POSES
+
+
+@pytest.mark.parametrize(("length", "expected"), [(0.0031, 0.005), (0.005, 0.005), (0.0071, 0.01), (1.2, 2.0)])
+def test_sizes_are_round(length: float, expected: float) -> None:
+    assert round_up(length) == expected
+
+
+def test_distances_are_those_to_the_triangles() -> None:
+    mesh = trimesh.creation.box((1.0, 1.0, 1.0)).subdivide().subdivide()
+    points = np.random.default_rng(1).uniform(-1, 1, (200, 3))
+    away, nearest = distances(points, mesh)
+    outside = np.maximum(np.abs(points) - 0.5, 0)
+    inside = 0.5 - np.abs(points).max(axis=1)
+    np.testing.assert_allclose(away, np.where(inside > 0, inside, np.linalg.norm(outside, axis=1)), atol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(nearest - points, axis=1), away)

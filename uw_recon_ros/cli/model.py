@@ -1,0 +1,49 @@
+"""``uw_recon model``: one model of the dive out of a finished survey."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+
+from uw_recon_ros.cli.common import OK, UsageError, add_params, given_params, warn
+from uw_recon_ros.progress import say
+
+HELP = "make one model of a surveyed dive"
+DESCRIPTION = (
+    "Of a survey that was made with --write model: where the vehicle was, one coloured surface and maps, in DIR/model/."
+)
+EPILOG = "Exit code: 0 the model was made; 1 it was not, one line says why; 2 wrong usage; 70 a fault of ours."
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what it takes."""
+    from uw_recon_ros.model.params import DiveModelParams
+
+    parser.add_argument("survey", metavar="SURVEY_DIR", help="folder that uw_recon survey filled")
+    parser.add_argument("--poses", metavar="FILE", help="poses of the left camera from outside, TUM format")
+    parser.add_argument("--overwrite", action="store_true", help="make anew what SURVEY_DIR/model holds")
+    parser.add_argument("--quiet", action="store_true", help="say nothing but errors")
+    parser.add_argument("--json", action="store_true", help="write what model.json holds to standard output")
+    add_params(parser, DiveModelParams.specs())
+
+
+def run(args: argparse.Namespace) -> int:
+    """Make the model, and say what came of it."""
+    from uw_recon_ros.model.build import Request, build_model
+    from uw_recon_ros.model.params import DiveModelParams
+
+    try:
+        params = DiveModelParams.from_mapping(given_params(args, DiveModelParams.specs()))
+    except (TypeError, ValueError) as error:
+        raise UsageError(str(error)) from error
+    made = build_model(
+        Request(args.survey, params, args.poses, args.overwrite), (lambda _: None) if args.quiet else say
+    )
+    if args.json:
+        sys.stdout.write(json.dumps(made) + "\n")
+    if not args.quiet:
+        warn(made["warnings"])
+        first = made["models"][0]
+        say(f"{args.survey}/model: {first['frames']} frames, {first['triangles']} triangles")
+    return OK

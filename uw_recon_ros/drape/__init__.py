@@ -1,0 +1,1 @@
+"""What a surface looks like from above: height and colour by cells."""

@@ -1,0 +1,107 @@
+"""The frames a survey kept, read one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from uw_recon_ros.errors import ModelError
+from uw_recon_ros.findings import Code
+from uw_recon_ros.fuse.blocks import View
+from uw_recon_ros.locate.walk import Frame
+from uw_recon_ros.survey.kept_frame import KEPT, KeptFrame, read_kept
+from uw_recon_ros.track.keypoints import RigError, constants
+from uw_recon_ros.types import Matrix
+
+
+@dataclass(frozen=True)
+class Scales:
+    """What sizes follow from: medians over the dive.
+
+    Parameters
+    ----------
+    pixel_m : float
+        Of a pixel on the bottom.
+    sigma_m : float
+        Of a depth.
+    """
+
+    pixel_m: float
+    sigma_m: float
+
+
+class Shelf:
+    """Kept frames in the order of time; of one scale.
+
+    Parameters
+    ----------
+    survey : path
+
+    Raises
+    ------
+    ModelError
+        No survey, not finished, or it kept no frames.
+    """
+
+    def __init__(self, survey: str | Path) -> None:
+        root = Path(survey)
+        if not (root / "state" / "settings.json").is_file():
+            raise ModelError(f"{root}: expected the folder of a survey, got none", Code.MODEL_NO_SURVEY)
+        if not (root / "state" / "finished.json").is_file():
+            text = "expected a finished survey, got one under way: the survey's command goes on with it"
+            raise ModelError(f"{root}: {text}", Code.MODEL_NO_SURVEY)
+        self.paths = sorted((root / KEPT).glob("*.frame"))
+        if not self.paths:
+            text = f"expected frames in {KEPT}/, got none: survey anew with --write model (or ...,model)"
+            raise ModelError(f"{root}: {text}", Code.MODEL_NOT_KEPT)
+        if len(self.paths) < 2:
+            raise ModelError(f"{root}: expected at least two frames, got one", Code.MODEL_NO_OVERLAP)
+        self.dropped = 0
+        self.scales = Scales(float("nan"), float("nan"))
+        self.read = lru_cache(maxsize=8)(lambda k: read_kept(self.paths[k]))
+
+    def walk(self) -> Iterator[Frame]:
+        """Each frame once, measured on the way; those of another scale or out of order are dropped."""
+        kept, pixels, sigmas, last, metric = [], [], [], -1, self._metric()
+        for path in self.paths:
+            frame = read_kept(path)
+            if frame.geometry.metric != metric or frame.stamp_ns <= last:
+                self.dropped += 1
+                continue
+            kept.append(path)
+            last = frame.stamp_ns
+            pixel, sigma = _scales(frame)
+            pixels.append(pixel)
+            sigmas.append(sigma)
+            yield Frame(frame.stamp_ns, frame.left, frame.disparity, frame.sigma, frame.geometry)
+        self.paths = kept
+        self.scales = Scales(_median(pixels), _median(sigmas))
+
+    def _metric(self) -> bool:
+        return any(read_kept(path).geometry.metric for path in self.paths)
+
+    def view(self, k: int, pose: Matrix, error: RigError) -> View:
+        """A frame as it is fused, the rig's error corrected."""
+        frame: KeptFrame = self.read(k)
+        fx, fy, cx, cy, fb, offset = constants(frame.geometry, error)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            depth = fb / (frame.disparity.astype(np.float64) + offset)
+            depth = np.where((depth > 0) & np.isfinite(depth), depth, np.nan)
+            sigma = depth**2 / abs(fb) * frame.sigma
+        return View(depth.astype(np.float32), sigma.astype(np.float32), frame.left, pose, np.array([fx, fy, cx, cy]))
+
+
+def _scales(frame: KeptFrame) -> tuple[float, float]:
+    depth = frame.geometry.depth_from_disparity(frame.disparity[::4, ::4])
+    sigma = frame.geometry.depth_sigma(depth, frame.sigma[::4, ::4])
+    return _median(depth) / frame.geometry.focal_px, _median(sigma)
+
+
+def _median(values: object) -> float:
+    array = np.asarray(values, np.float64)
+    known = array[np.isfinite(array)]
+    return float(np.median(known)) if known.size else float("nan")

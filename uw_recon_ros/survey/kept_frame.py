@@ -1,0 +1,94 @@
+"""What a model of the dive needs of a frame, in one file: enhanced left view, disparity, how sure it is, geometry."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_recon_ros.errors import BagError, ReconError
+from uw_recon_ros.images import write_bytes
+from uw_recon_ros.pipeline import Products
+from uw_recon_ros.survey.packed import pack, unpack
+from uw_recon_ros.types import ByteImage, FloatImage, StereoGeometry
+
+KEPT = "model_frames"
+_SUFFIX = ".frame"
+
+
+@dataclass(frozen=True, eq=False)
+class KeptFrame:
+    """One frame.
+
+    Parameters
+    ----------
+    stamp_ns : int
+    left : (H, W, 3) uint8
+        Enhanced left rectified view, RGB.
+    disparity, sigma : (H, W) float32
+        px; NaN = invalid, or taken out by the depth filter.
+    geometry : StereoGeometry
+    """
+
+    stamp_ns: int
+    left: ByteImage
+    disparity: FloatImage
+    sigma: FloatImage
+    geometry: StereoGeometry
+
+
+@dataclass(frozen=True, eq=False)
+class _Packed:
+    stamp_ns: int
+    picture: NDArray[np.uint8]
+    sigma: NDArray[np.float16]
+    disparity: FloatImage
+    geometry: StereoGeometry
+
+
+def kept_of(products: Products) -> KeptFrame:
+    """What is kept of all that came of a frame."""
+    found = products.disparity
+    there = np.isfinite(products.depth.depth) & np.isfinite(found.disparity)
+    disparity, sigma = (np.where(there, x, np.float32(np.nan)) for x in (found.disparity, found.sigma))
+    return KeptFrame(products.depth.stamp_ns, products.rectified.left, disparity, sigma, products.depth.geometry)
+
+
+def write_kept(path: str | Path, frame: KeptFrame) -> None:
+    """Write it, the picture without loss; sigma has three digits."""
+    done, picture = cv2.imencode(".png", cv2.cvtColor(frame.left, cv2.COLOR_RGB2BGR))
+    if not done:
+        raise ReconError(f"{path}: the left view could not be encoded")
+    packed = _Packed(
+        frame.stamp_ns, np.asarray(picture, np.uint8).ravel(), frame.sigma.astype(np.float16), frame.disparity,
+        frame.geometry,
+    )  # fmt: skip
+    write_bytes(path, zlib.compress(pack(packed), 3))
+
+
+def read_kept(path: str | Path) -> KeptFrame:
+    """Read what `write_kept` wrote.
+
+    Raises
+    ------
+    BagError
+        It cannot be read, or is damaged.
+    """
+    try:
+        packed = unpack(zlib.decompress(Path(path).read_bytes()), (_Packed, StereoGeometry))
+        picture = cv2.imdecode(packed.picture, cv2.IMREAD_COLOR)
+        if picture is None:
+            raise ValueError("its picture is damaged")
+    except (OSError, zlib.error, ValueError, KeyError, EOFError) as error:
+        raise BagError(f"{path}: expected a frame that a survey kept, got: {error}") from error
+    left = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8)
+    return KeptFrame(packed.stamp_ns, left, packed.disparity, packed.sigma.astype(np.float32), packed.geometry)
+
+
+def kept_name(name: str) -> str:
+    """Path inside the survey's folder of the frame that is called `name`."""
+    return f"{KEPT}/{name}{_SUFFIX}"
