@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.drape.from_above import Mosaic, elevation, grid_over
 from uw_recon_ros.errors import ModelError
+from uw_recon_ros.files.atomic import write_bytes
 from uw_recon_ros.findings import Code, Finding, Severity, worst
 from uw_recon_ros.fuse.blocks import touched_blocks
 from uw_recon_ros.fuse.extract import FusedMesh
 from uw_recon_ros.fuse.tiles import Fusion, fuse
 from uw_recon_ros.georeference.geotiff import LOCAL, Place, geotiff
-from uw_recon_ros.images import write_bytes
 from uw_recon_ros.locate.estimate import Located, estimate_trajectory
 from uw_recon_ros.locate.priors import Priors, priors_from_trajectory
 from uw_recon_ros.model.files import glb, ply

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros.errors import BagError, ReconError
-from uw_recon_ros.images import write_bytes
+from uw_recon_ros.files.atomic import write_bytes
 from uw_recon_ros.pipeline import Products
 from uw_recon_ros.survey.packed import pack, unpack
 from uw_recon_ros.types import ByteImage, FloatImage, StereoGeometry
