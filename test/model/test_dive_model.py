@@ -158,11 +158,16 @@ def test_without_a_scale_all_is_in_baselines_and_says_so(survey: Path, dive: Pat
         evaluate_model(survey, dive / "truth")
 
 
-def test_frames_of_another_scale_are_left_out_and_counted(survey: Path) -> None:
-    frame = read_kept(frames(survey)[2])
-    write_kept(frames(survey)[2], replace(frame, geometry=frame.geometry.unscaled))
+@pytest.mark.parametrize("which", [0, 2])
+def test_frames_of_another_scale_are_left_out_and_counted(survey: Path, which: int) -> None:
+    frame = read_kept(frames(survey)[which])
+    write_kept(frames(survey)[which], replace(frame, geometry=frame.geometry.unscaled))
     summary = build_quietly(survey)
     assert summary["frames"]["dropped"] == 1
+    mesh = (survey / "model" / "mesh.ply").read_bytes()
+    frames(survey)[which].unlink()
+    assert build_quietly(survey, overwrite=True)["frames"]["dropped"] == 0
+    assert (survey / "model" / "mesh.ply").read_bytes() == mesh
     assert Code.MODEL_FRAMES_DROPPED.value in [w["code"] for w in summary["warnings"]]
 
 
@@ -241,3 +246,14 @@ def test_distances_are_those_to_the_triangles() -> None:
     inside = 0.5 - np.abs(points).max(axis=1)
     np.testing.assert_allclose(away, np.where(inside > 0, inside, np.linalg.norm(outside, axis=1)), atol=1e-9)
     np.testing.assert_allclose(np.linalg.norm(nearest - points, axis=1), away)
+
+
+def test_a_survey_may_end_with_its_model(dive: Path, tmp_path: Path) -> None:
+    words = ["survey", str(dive / "bag"), "-o", str(tmp_path / "out"), "--params", str(dive / "small.yaml")]
+    words += ["--write", "disparity", "--max-frames", "2", "--jobs", "1", "--quiet", "--model"]
+    assert main(words) == 0
+    assert (tmp_path / "out" / "disparity").is_dir()
+    summary = (tmp_path / "out" / "model" / "model.json").read_bytes()
+    assert json.loads(summary)["models"][0]["frames"] == 2
+    assert main(words) == 0
+    assert (tmp_path / "out" / "model" / "model.json").read_bytes() == summary

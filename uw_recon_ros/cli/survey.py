@@ -10,7 +10,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from uw_recon_ros import signals
-from uw_recon_ros.cli.common import FAILED, OK, UsageError, add_params, given_params, pipeline_params
+from uw_recon_ros.cli.common import FAILED, OK, UsageError, add_params, given_params, pipeline_params, warn
 from uw_recon_ros.progress import say
 
 if TYPE_CHECKING:
@@ -45,6 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     telling.add_argument(
         "--json", action="store_true", help="the outcome as one JSON object on stdout, progress as JSON lines on stderr"
     )
+    parser.add_argument("--model", action="store_true", help="then make DIR/model, as uw_recon model does")
     add_params(parser, SurveyParams.specs())
 
 
@@ -73,13 +74,31 @@ def run(args: argparse.Namespace) -> int:
         signals.tell_interrupted(f"{args.output}: interrupted; the same command goes on from there")
         return signals.INTERRUPTED
     _tell(outcome, args)
+    if args.model:
+        _model(args)
     return OK if outcome.complete else FAILED
 
 
 def _survey_params(args: argparse.Namespace) -> SurveyParams:
     from uw_recon_ros.survey.params import SurveyParams
 
-    return SurveyParams.from_mapping(given_params(args, SurveyParams.specs()))
+    params = SurveyParams.from_mapping(given_params(args, SurveyParams.specs()))
+    if args.model and "model" not in params.products:
+        return dataclasses.replace(params, write=f"{params.write},model")
+    return params
+
+
+def _model(args: argparse.Namespace) -> None:
+    """The model of what was surveyed, unless it is there."""
+    from uw_recon_ros.model.build import Request, build_model, is_built
+    from uw_recon_ros.model.params import DiveModelParams
+
+    if is_built(args.output):
+        return
+    tell = (lambda _: None) if args.quiet or args.json else say
+    made = build_model(Request(args.output, DiveModelParams()), tell)
+    if not args.quiet:
+        warn(made["warnings"])
 
 
 def _executor(args: argparse.Namespace) -> Executor:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros.drape.from_above import Mosaic, elevation, grid_over
+from uw_recon_ros.drape.gains import gains_of
 from uw_recon_ros.errors import ModelError
 from uw_recon_ros.files.atomic import write_bytes
 from uw_recon_ros.findings import Code, Finding, Severity, worst
@@ -66,7 +67,7 @@ def build_model(request: Request, tell: Tell) -> dict[str, Any]:
     """
     shelf = Shelf(request.survey)
     place = Path(request.survey) / MODEL
-    if (place / SUMMARY).exists() and not request.overwrite:
+    if is_built(request.survey) and not request.overwrite:
         raise ModelError(f"{place}: holds a model already: --overwrite makes it anew", Code.MODEL_EXISTS)
     priors, origin = _priors(request, np.array(shelf.read(0).geometry.rect_from_raw_left))
     tell(f"{len(shelf.paths)} frames: looking for where the vehicle was")
@@ -80,6 +81,11 @@ def build_model(request: Request, tell: Tell) -> dict[str, Any]:
         return _written(place, shelf, located, parts, request, tell)
     except OSError as error:
         raise ModelError(f"{place}: stopped: {explain(error)}; what is finished is kept", Code.MODEL_DISK) from error
+
+
+def is_built(survey: str | Path) -> bool:
+    """Whether a survey's folder holds a finished model."""
+    return (Path(survey) / MODEL / SUMMARY).exists()
 
 
 def _priors(request: Request, rect_from_raw: Matrix) -> tuple[Priors | None, Matrix]:
@@ -182,9 +188,12 @@ def _maps(
     grid = grid_over(mesh.vertices, cell_m, params.most_cells)
     heights = elevation(mesh.vertices, mesh.faces, grid)
     mosaic = Mosaic(grid, heights)
+    tolerance = how.voxel_m + 3 * how.max_sigma_m
+    gains = gains_of(view_of, count, mesh.vertices, tolerance)
     for k in range(count):
         view = view_of(k)
-        mosaic.add(k, view.color, view.depth, view.pose, view.intrinsics, how.voxel_m + 3 * how.max_sigma_m)
+        color = np.rint(view.color / gains[k]).clip(0, 255).astype(np.uint8)
+        mosaic.add(k, color, view.depth, view.pose, view.intrinsics, tolerance)
     local = LOCAL if way.metric else "local, in baselines of the rig"
     west, north = grid.west + float(way.origin[0]), grid.north + float(way.origin[1])
     place = Place(west, north, grid.cell_m, params.epsg or None, local)
@@ -195,6 +204,7 @@ def _maps(
     known = np.isfinite(heights)
     return {
         "cell": grid.cell_m, "cells": [grid.rows, grid.columns], "west": west, "north": north,
+        "gains": [float(gains.min()), float(gains.max())],
         "area": float(known.sum() * grid.cell_m**2), "coloured_share": float(there.sum() / max(known.sum(), 1)),
         "completeness": float(known.sum() / max(int(_within(known).sum()), 1)),
     }  # fmt: skip

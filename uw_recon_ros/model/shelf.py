@@ -79,6 +79,7 @@ class Shelf:
             sigmas.append(sigma)
             yield Frame(frame.stamp_ns, frame.left, frame.disparity, frame.sigma, frame.geometry)
         self.paths = kept
+        self.read.cache_clear()  # numbers mean other frames now
         self.scales = Scales(_median(pixels), _median(sigmas))
 
     def _metric(self) -> bool:
