@@ -80,7 +80,7 @@ class Truth:
 def read_frame(stamp_ns: int, got: dict[str, Any], truth: Truth) -> Frame:
     """Put the messages of one stamp together."""
     geometry = geometry_from_infos(got["rectified/left/camera_info"], got["rectified/right/camera_info"])
-    left, right = (color_image(got[f"rectified/{eye}/image_rect_color"]) for eye in ("left", "right"))
+    left, right = (color_image(got[f"rectified/{side}/image_rect_color"]) for side in ("left", "right"))
     disparity = disparity_from_message(
         got["disparity"], geometry, sigma=got["disparity/sigma"], status=got["disparity/status"]
     )

@@ -30,7 +30,7 @@ from uw_recon_ros.types import StereoPair
 
 ROOT = Path(__file__).resolve().parent.parent
 NAME_SPACE = "/uw_demo"
-CAMERAS = [f"/{eye}/{topic}" for eye in ("left", "right") for topic in ("image_raw", "camera_info")]
+CAMERAS = [f"/{side}/{topic}" for side in ("left", "right") for topic in ("image_raw", "camera_info")]
 _WAIT_S = 120.0
 
 

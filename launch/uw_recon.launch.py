@@ -25,8 +25,8 @@ COMPOSED, PLAYER = "pipeline_node", "bag_player_node"
 COMPRESSED = "/compressed"
 #: What is shown, for RViz in a name space: its configuration names them absolute.
 SHOWN = (
-    *(f"{eye}/image_{kind}" for eye in ("left", "right") for kind in ("raw", "enhanced", "matching")),
-    *(f"rectified/{eye}/{image}" for eye in ("left", "right") for image in ("image_rect_color", "image_rect")),
+    *(f"{side}/image_{kind}" for side in ("left", "right") for kind in ("raw", "enhanced", "matching")),
+    *(f"rectified/{side}/{image}" for side in ("left", "right") for image in ("image_rect_color", "image_rect")),
     "disparity/status",
     "disparity/sigma",
     "depth/image_rect",
@@ -123,10 +123,10 @@ def parameters(given: dict[str, str]) -> list[Any]:
 def remappings(given: dict[str, str]) -> list[tuple[str, str]]:
     """Where the cameras' topics really are."""
     rules = []
-    for eye in ("left", "right"):
-        image = given[f"{eye}_image"].removesuffix(COMPRESSED)
-        rules += [(f"{eye}/image_raw", image), (f"{eye}/image_raw{COMPRESSED}", image + COMPRESSED)]
-        rules += [(f"{eye}/camera_info", given[f"{eye}_camera_info"])]
+    for side in ("left", "right"):
+        image = given[f"{side}_image"].removesuffix(COMPRESSED)
+        rules += [(f"{side}/image_raw", image), (f"{side}/image_raw{COMPRESSED}", image + COMPRESSED)]
+        rules += [(f"{side}/camera_info", given[f"{side}_camera_info"])]
     return [(ours, theirs) for ours, theirs in rules if ours != theirs]
 
 

@@ -74,8 +74,8 @@ def test_a_folder_with_files_is_not_overwritten_unasked(
 def test_what_cannot_be_rectified_leaves_a_report_with_the_reason(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for eye in ("left", "right"):
-        write_image(tmp_path / f"{eye}.png", np.full((120, 160, 3), 90 if eye == "left" else 91, np.uint8))
+    for side in ("left", "right"):
+        write_image(tmp_path / f"{side}.png", np.full((120, 160, 3), 90 if side == "left" else 91, np.uint8))
     out = tmp_path / "out"
     assert main(["pair", str(tmp_path / "left.png"), str(tmp_path / "right.png"), "-o", str(out)]) == 1
     error = capsys.readouterr().err.strip().splitlines()[-1]

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from html.parser import HTMLParser
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -116,7 +117,8 @@ def test_the_reference_holds_everything(site: Path) -> None:
         return re.sub(r"<[^>]*>", "", (site / page).read_text(encoding="utf-8"))
 
     assert [code.value for code in Code if code.value not in text("_generated/codes.html")] == []
-    names = [f"uw_recon_ros.{name}" for name in uw_recon_ros.__all__]
+    rooms = {name for name in uw_recon_ros.__all__ if isinstance(getattr(uw_recon_ros, name), ModuleType)}
+    names = [f"uw_recon_ros.{'api.' if name in rooms else ''}{name}" for name in uw_recon_ros.__all__]
     assert [name for name in names if f'id="{name}"' not in (site / "_generated/python.html").read_text("utf-8")] == []
     assert [verb for verb in VERBS if f"usage: uw_recon {verb}" not in text("_generated/commands.html")] == []
     assert [topic.name for topic in TOPICS if topic.name not in text("topics.html")] == []

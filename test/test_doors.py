@@ -141,10 +141,10 @@ def test_a_full_disk(good: Path, tmp_path: Path) -> None:
     """A limit on the size of files stands for it: writing fails in the middle, and nothing half is left."""
     code = "import sys; from uw_recon_ros.cli import main; sys.exit(main(sys.argv[1:]))"
     folder = tmp_path / "pictures"
-    for eye in ("left", "right"):
-        (folder / eye).mkdir(parents=True)
-        picture = np.random.default_rng(len(eye)).integers(0, 256, (300, 400), np.uint8)
-        write_image(folder / eye / "1.png", picture)
+    for side in ("left", "right"):
+        (folder / side).mkdir(parents=True)
+        picture = np.random.default_rng(len(side)).integers(0, 256, (300, 400), np.uint8)
+        write_image(folder / side / "1.png", picture)
     out = tmp_path / "out"
     done = subprocess.run(
         [sys.executable, "-c", code, "pack", "--left", str(folder / "left"), "--right", str(folder / "right"), "-o",

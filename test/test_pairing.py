@@ -34,9 +34,9 @@ def test_arrival_order_does_not_matter(left: list[int], right: list[int], tolera
     sync: Synchronizer[int] = Synchronizer(2, tolerance, depth=100)
     queues, got = [list(left), list(right)], []
     while any(queues):
-        eye = random.choice([i for i in (0, 1) if queues[i]])  # type: ignore[attr-defined]
-        stamp = queues[eye].pop(0)
-        got += sync.push(eye, stamp, stamp)
+        side = random.choice([i for i in (0, 1) if queues[i]])  # type: ignore[attr-defined]
+        stamp = queues[side].pop(0)
+        got += sync.push(side, stamp, stamp)
     assert got == expected
     assert all(abs(a - b) <= tolerance for a, b in got)
 
@@ -109,7 +109,7 @@ def test_what_is_kept_aside_is_bounded_and_fades() -> None:
     assert not any(sync.waiting)
 
 
-def test_one_eye_alone_is_bounded_and_counted() -> None:
+def test_one_camera_alone_is_bounded_and_counted() -> None:
     sync: Synchronizer[int] = Synchronizer(2, depth=4)
     for stamp in range(10):
         sync.push(0, stamp, stamp)

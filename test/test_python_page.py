@@ -19,6 +19,7 @@ from uw_recon_ros.types import StereoPair
 
 ROOT = Path(__file__).parent.parent
 SCENE = np.random.default_rng(5).integers(0, 256, (60, 70), np.uint8).repeat(2, axis=0).repeat(2, axis=1)
+ROOMS = ("match", "reconstruct", "rectify")  # packages that are verbs, too
 FLAGS = doctest.ELLIPSIS | doctest.IGNORE_EXCEPTION_DETAIL
 
 
@@ -47,10 +48,21 @@ def test_what_is_typed_is_what_is_found() -> None:
     assert sorted(places) == sorted(uw.__all__)
     assert set(uw.__all__) <= set(dir(uw))
     for name, module in places.items():
-        assert getattr(uw, name) is getattr(sys.modules[str(module)], name)
-        assert inspect.getdoc(getattr(uw, name)), name
+        here = getattr(sys.modules[str(module)], name)
+        assert getattr(uw, name) is (sys.modules[f"uw_recon_ros.{name}"] if name in ROOMS else here)
+        assert inspect.getdoc(here), name
     with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
         _ = uw.nonsense  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("before", ["", "import uw_recon_ros.match.stage, uw_recon_ros.rectify; "])
+def test_a_room_is_a_verb_whatever_was_imported_before(before: str) -> None:
+    code = (
+        before + "import uw_recon_ros as uw; print(callable(uw.match), callable(uw.rectify), callable(uw.reconstruct))"
+    )
+    code += "; import uw_recon_ros.match as room; print(callable(room), room.stage.Match.__name__)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["True", "True", "True", "True", "Match"]
 
 
 @pytest.mark.parametrize("bits", [8, 10, 12, 16])
@@ -58,7 +70,7 @@ def test_what_is_typed_is_what_is_found() -> None:
 def test_any_kind_of_image_is_matched(bits: int, colour: bool) -> None:
     image = np.dstack([SCENE] * 3) if colour else SCENE
     image = image if bits == 8 else image.astype(np.uint16) << (bits - 8)
-    found = uw.match_pair(image, np.roll(image, -5, axis=1), max_disparity=12)
+    found = uw.match(image, np.roll(image, -5, axis=1), max_disparity=12)
     assert np.nanmedian(found.disparity) == pytest.approx(5, abs=0.1)
     assert found.disparity.shape == found.sigma.shape == found.status.shape == SCENE.shape
     assert found.density > 0.9
@@ -67,8 +79,8 @@ def test_any_kind_of_image_is_matched(bits: int, colour: bool) -> None:
 
 def test_doubts_are_told() -> None:
     tilted = np.roll(np.roll(SCENE, -5, axis=1), 3, axis=0)
-    assert uw.Code.RECTIFY_ROWS_DISAGREE in [f.code for f in uw.match_pair(SCENE, tilted, 12).findings]
-    assert uw.match_pair(SCENE, np.roll(SCENE, -5, axis=1), 12).findings == ()
+    assert uw.Code.RECTIFY_ROWS_DISAGREE in [f.code for f in uw.match(SCENE, tilted, 12).findings]
+    assert uw.match(SCENE, np.roll(SCENE, -5, axis=1), 12).findings == ()
 
 
 @pytest.mark.parametrize(
@@ -82,20 +94,20 @@ def test_doubts_are_told() -> None:
     ],
 )
 def test_what_is_no_pair_is_refused_by_every_verb(left: np.ndarray, right: np.ndarray, words: str) -> None:
-    for verb in (uw.enhance_pair, uw.rectify_pair, uw.match_pair, uw.reconstruct_pair):
+    for verb in (uw.enhance, uw.rectify, uw.match, uw.reconstruct):
         with pytest.raises(uw.ImageError, match=words):
             verb(left, right)
 
 
 def test_products_are_made_when_asked_for() -> None:
     right = np.roll(SCENE, -5, axis=1)
-    products = uw.reconstruct_pair(SCENE, right)
+    products = uw.reconstruct(SCENE, right)
     assert not products.stages_seconds
     enhanced = products.enhanced
     assert set(products.stages_seconds) == {"preprocess"}
     assert products.enhanced is enhanced
     expected = Preprocess()(StereoPair(SCENE, right))
-    np.testing.assert_array_equal(uw.enhance_pair(SCENE, right).left, expected.left)
+    np.testing.assert_array_equal(uw.enhance(SCENE, right).left, expected.left)
 
 
 def test_damage_of_a_recording_is_warned_of(tmp_path: Path) -> None:

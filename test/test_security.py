@@ -94,10 +94,10 @@ def hostile_bag(path: Path) -> Path:
     wide = texture(1, 100)
     recorded = []
     for i in range(2):
-        for eye, first in (("left", 0), ("right", 4)):
+        for side, first in (("left", 0), ("right", 4)):
             image = wide[:, first : first + 96].copy()
             kind, data = messages.encode(messages.image_message(image, time_ns=i * 100 * MS, frame_id=EVIL))
-            recorded.append(RawMessage(f"/../../<b>evil/{eye}/image_raw", kind, i * 100 * MS + 1, data))
+            recorded.append(RawMessage(f"/../../<b>evil/{side}/image_raw", kind, i * 100 * MS + 1, data))
     return write_mcap(path, recorded)
 
 
@@ -141,9 +141,9 @@ def test_packing_and_info_write_nothing_elsewhere(tmp_path: Path, monkeypatch: p
     inside = tmp_path / "x" / "y"
     inside.mkdir(parents=True)
     monkeypatch.chdir(inside)
-    for eye, first in (("left", 0), ("right", 4)):
-        (inside / eye).mkdir()
-        cv2.imwrite(str(inside / eye / "..1.png"), texture(2, 100)[:, first : first + 96])
+    for side, first in (("left", 0), ("right", 4)):
+        (inside / side).mkdir()
+        cv2.imwrite(str(inside / side / "..1.png"), texture(2, 100)[:, first : first + 96])
     assert main(["pack", "--left", "left/*.png", "--right", "right/*.png", "-o", "bag"]) in (0, 1)
     bag = hostile_bag(inside / "evil.mcap")
     assert main(["info", str(bag)]) in (0, 1)

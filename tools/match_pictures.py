@@ -107,10 +107,10 @@ def stages(truth: Truth) -> ByteImage:
     sigma = ColorBar(0, 1, "px", "viridis")
     width = 300
     return sheet([
-        [titled(truth.left, "left eye", width),
-         titled(colorize(start.disparity, bar, start.status), "start: semi-global, both eyes agree", width),
+        [titled(truth.left, "left camera", width),
+         titled(colorize(start.disparity, bar, start.status), "start: semi-global, both cameras agree", width),
          titled(colorize(result.disparity, bar, result.status), "balanced: planes moved by cuts", width)],
-        [titled(reasons(result.status), "red: left eye only, blue: outside, tan: no texture", width),
+        [titled(reasons(result.status), "red: left camera only, blue: outside, tan: no texture", width),
          titled(errors(start.disparity, truth), f"error of the start: {bad(start.disparity, truth):.1f} %", width),
          titled(errors(result.disparity, truth), f"after the moves: {bad(result.disparity, truth):.1f} %", width)],
         [titled(colorize(result.sigma, sigma, result.status), "sigma, 0 (dark) to 1 px (bright)", width),
@@ -189,7 +189,7 @@ def move(truth: Truth) -> ByteImage:
     drop = (sum(energy(one.before)) - sum(energy(one.after))) / float(state.units)
     width = 180
     pictures = [
-        (truth.left[around], "left eye, one tile"),
+        (truth.left[around], "left camera, one tile"),
         (colorize(maps[0], bar), "planes before"),
         (colorize(cheaper[around], ColorBar(-1, 1, "", "diverging")), "red: new plane costs more"),
         (marked(truth.left[around], moved[around]), "the cut takes these"),
@@ -224,7 +224,7 @@ def water(truth: Truth) -> ByteImage:
         mine = matcher.graph_cut(left, right, 0, truth.max_disparity - 1)
         width = 300
         rows.append([
-            titled(left, f"{name}, left eye", width),
+            titled(left, f"{name}, left camera", width),
             titled(colorize(peer, bar), f"stereo_image_proc SGBM: {bad(peer, truth):.1f} % over 1 px", width),
             titled(colorize(mine.disparity, bar, mine.status), f"balanced: {bad(mine.disparity, truth):.1f} %", width),
         ])  # fmt: skip

@@ -11,6 +11,7 @@ import os
 import tokenize
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from types import ModuleType
 from unittest import mock
 
 import uw_recon_ros
@@ -78,19 +79,25 @@ def _section(title: str, directives: Iterable[str]) -> str:
     return f"## {title}\n\n```{{eval-rst}}\n" + "\n".join(directives) + "```\n\n"
 
 
+def offered(name: str) -> object:
+    """What the front door gives by a name: of a verb that is a room as well, the verb."""
+    return getattr(importlib.import_module("uw_recon_ros.api"), name, None) or getattr(uw_recon_ros, name)
+
+
 def _front_door(kind: Callable[[object], bool], directive: str) -> Iterator[str]:
     for name in uw_recon_ros.__all__:
-        if kind(getattr(uw_recon_ros, name)):
+        if kind(offered(name)):
             few = "   :no-members:\n" if name == "Code" else ""  # its members have a page of their own
-            yield f".. {directive}:: uw_recon_ros.{name}\n{few}"
+            room = isinstance(getattr(uw_recon_ros, name), ModuleType)
+            yield f".. {directive}:: uw_recon_ros.{'api.' if room else ''}{name}\n{few}"
 
 
 def _module(name: str) -> str:
     """A module without what the front door has of it."""
-    offered = {getattr(uw_recon_ros, name) for name in uw_recon_ros.__all__}
+    front = {offered(name) for name in uw_recon_ros.__all__}
     module = importlib.import_module(f"uw_recon_ros.{name}")
     told = [key for key, found in vars(module).items() if inspect.isroutine(found) or inspect.isclass(found)]
-    told = [key for key in told if vars(module)[key] in offered]
+    told = [key for key in told if vars(module)[key] in front]
     without = f"   :exclude-members: {', '.join(told)}\n" if told else ""
     return _section(f"uw_recon_ros.{name}", [f".. automodule:: uw_recon_ros.{name}\n{without}"])
 

@@ -11,13 +11,13 @@ from uw_recon_ros.lazy import on_demand
 
 if TYPE_CHECKING:
     from uw_recon_ros.api import (
-        enhance_pair,
-        match_pair,
+        enhance,
+        match,
         open_recording,
         pairs,
         read_parameters,
-        reconstruct_pair,
-        rectify_pair,
+        reconstruct,
+        rectify,
     )
     from uw_recon_ros.calibration import read_calibration, write_calibration
     from uw_recon_ros.errors import BagError, CalibrationError, EstimationError, ImageError, ReconError
@@ -49,13 +49,13 @@ if TYPE_CHECKING:
 
 _PLACES = {
     "api": (
-        "enhance_pair",
-        "match_pair",
+        "enhance",
+        "match",
         "open_recording",
         "pairs",
         "read_parameters",
-        "reconstruct_pair",
-        "rectify_pair",
+        "reconstruct",
+        "rectify",
     ),
     "calibration": ("read_calibration", "write_calibration"),
     "errors": ("BagError", "CalibrationError", "EstimationError", "ImageError", "ReconError"),
@@ -86,10 +86,10 @@ _PLACES = {
 _look_up = on_demand(__name__, _PLACES)
 
 __all__ = [  # noqa: RUF022  (verbs, files, parameters, nouns, errors)
-    "enhance_pair",
-    "rectify_pair",
-    "match_pair",
-    "reconstruct_pair",
+    "enhance",
+    "rectify",
+    "match",
+    "reconstruct",
     "open_recording",
     "pairs",
     "read_calibration",

@@ -19,7 +19,7 @@ from uw_recon_ros.pipeline import Pipeline, PipelineParams, Products, read_value
 from uw_recon_ros.types import EnhancedPair, Matches, RawImage, RectifiedPair, StereoCalibration, StereoPair
 
 
-def enhance_pair(left: RawImage, right: RawImage, params: PipelineParams | None = None) -> EnhancedPair:
+def enhance(left: RawImage, right: RawImage, params: PipelineParams | None = None) -> EnhancedPair:
     """Enhance two raw images (paper 2.1), both by the same statistics.
 
     Parameters
@@ -38,10 +38,10 @@ def enhance_pair(left: RawImage, right: RawImage, params: PipelineParams | None 
     ImageError
         The images are not a pair.
     """
-    return reconstruct_pair(left, right, params=params).enhanced
+    return reconstruct(left, right, params=params).enhanced
 
 
-def rectify_pair(
+def rectify(
     left: RawImage,
     right: RawImage,
     calibration: StereoCalibration | None = None,
@@ -66,10 +66,10 @@ def rectify_pair(
     ImageError, CalibrationError, EstimationError
         What the images or the calibration did not allow, with the numbers.
     """
-    return reconstruct_pair(left, right, calibration, params).rectified
+    return reconstruct(left, right, calibration, params).rectified
 
 
-def match_pair(
+def match(
     left: RawImage,
     right: RawImage,
     max_disparity: int | None = None,
@@ -109,7 +109,7 @@ def match_pair(
     return replace(found, findings=findings)
 
 
-def reconstruct_pair(
+def reconstruct(
     left: RawImage,
     right: RawImage,
     calibration: StereoCalibration | None = None,
@@ -123,7 +123,7 @@ def reconstruct_pair(
     ----------
     left, right : (H, W) or (H, W, 3) uint8 or uint16
     calibration : StereoCalibration or None
-        As in `rectify_pair`.
+        As in `rectify`.
     params : PipelineParams or None
 
     Returns

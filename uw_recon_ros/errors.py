@@ -48,7 +48,7 @@ class CalibrationError(ReconError):
 
 
 class EstimationError(ReconError):
-    """A quantity cannot be estimated from these images: too few matches, forward motion, exchanged eyes."""
+    """A quantity cannot be estimated from these images: too few matches, forward motion, swapped cameras."""
 
     default_code = Code.ESTIMATION
 

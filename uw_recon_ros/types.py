@@ -79,9 +79,9 @@ class Status(IntFlag):
     """Why a pixel has no disparity: a bit mask kept in a ``uint8`` image, 0 = valid."""
 
     VALID = 0
-    OCCLUDED = 1  #: seen by the left eye only
+    OCCLUDED = 1  #: seen by the left camera only
     OUTSIDE = 2  #: its match would lie outside the other view
-    INCONSISTENT = 4  #: the two eyes disagree
+    INCONSISTENT = 4  #: the two cameras disagree
     LOW_TEXTURE = 8  #: nothing to match
     OUT_OF_RANGE = 16  #: disparity or depth outside the given limits
     UNSEEN = 32  #: outside the rectified image's valid region, or in a part of it that shows no scene

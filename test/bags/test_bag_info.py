@@ -20,9 +20,9 @@ def write(path: Path, recorded: list[RawMessage], left: CameraModel | None, righ
     with BagWriter(path) as writer:
         for message in recorded:
             writer.raw(message)
-        for eye, model in (("left", left), ("right", right)):
+        for side, model in (("left", left), ("right", right)):
             if model is not None:
-                writer.camera_info(f"/{eye}/camera_info", model, time_ns=5 * MS, frame_id=f"{eye}_optical_frame")
+                writer.camera_info(f"/{side}/camera_info", model, time_ns=5 * MS, frame_id=f"{side}_optical_frame")
     return path
 
 
@@ -53,7 +53,7 @@ def test_uncalibrated_is_no_obstacle_but_said(tmp_path: Path) -> None:
     info = bag_info(write_mcap(tmp_path / "a.mcap", recording(5)))
     assert info.reconstructable
     assert info.calibration == "none"
-    assert info.warnings == ("the scale is unknown: no CameraInfo of the left and right eye",)
+    assert info.warnings == ("the scale is unknown: no CameraInfo of the left and right camera",)
     assert str(info).endswith("can be reconstructed, scale unknown")
 
 
@@ -99,11 +99,11 @@ def test_millimetres_are_refused(tmp_path: Path) -> None:
     assert "millimetres" in info.reasons[0]
 
 
-def test_one_eye_missing(tmp_path: Path) -> None:
+def test_one_camera_missing(tmp_path: Path) -> None:
     info = bag_info(write_mcap(tmp_path / "a.mcap", recording(3, topics=["/left/image_raw"])))
     assert not info.reconstructable
     assert info.reasons == (
-        "no stereo pair: expected images of a left and a right eye, got /left/image_raw (3)",
+        "no stereo pair: expected images of a left and a right camera, got /left/image_raw (3)",
     )  # fmt: skip
 
 
@@ -157,13 +157,13 @@ def test_images_that_cannot_be_decoded(tmp_path: Path) -> None:
     assert "/right/image_raw: images cannot be decoded: encoding: expected" in info.reasons[0]
 
 
-def test_eyes_of_different_size(tmp_path: Path) -> None:
+def test_cameras_of_different_size(tmp_path: Path) -> None:
     recorded = [
         dataclasses.replace(m, data=image_bytes(i, 0, (6, 8, 3))) if "right" in m.topic else m
         for i, m in enumerate(recording(1))
     ]
     info = bag_info(write_mcap(tmp_path / "a.mcap", recorded))
-    assert info.reasons == ("the eyes differ in size: 16x12 and 8x6 px",)
+    assert info.reasons == ("the cameras differ in size: 16x12 and 8x6 px",)
 
 
 def test_a_damaged_bag_says_so(tmp_path: Path) -> None:

@@ -24,10 +24,10 @@ def still(seed: int, kind: str = "color8") -> RawImage:
 
 
 def folders(root: Path, frames: int = 12, kind: str = "color8") -> tuple[str, str]:
-    for number, eye in enumerate(("left", "right")):
-        (root / eye).mkdir()
+    for number, side in enumerate(("left", "right")):
+        (root / side).mkdir()
         for i in range(frames):
-            write_image(root / eye / f"{eye}_{i}.png", still(2 * i + number, kind))
+            write_image(root / side / f"{side}_{i}.png", still(2 * i + number, kind))
     return str(root / "left" / "*.png"), str(root / "right")
 
 
@@ -118,10 +118,10 @@ def test_a_calibration_for_another_size(tmp_path: Path) -> None:
 
 
 def test_independently_numbered_files_are_paired_by_order(tmp_path: Path) -> None:
-    for eye, first in (("left", 100), ("right", 5000)):
-        (tmp_path / eye).mkdir()
+    for side, first in (("left", 100), ("right", 5000)):
+        (tmp_path / side).mkdir()
         for i in range(3):
-            write_image(tmp_path / eye / f"{first + i}.png", still(i))
+            write_image(tmp_path / side / f"{first + i}.png", still(i))
     assert pack(str(tmp_path / "left"), str(tmp_path / "right"), tmp_path / "bag") == 3
 
 

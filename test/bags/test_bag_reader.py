@@ -176,8 +176,10 @@ def test_pairs_are_decoded_with_their_calibration(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag") as writer:
         for message in recording(6):
             writer.raw(message)
-        for eye, tx in (("left", 0.0), ("right", -0.1)):  # recorded after the last image
-            writer.camera_info(f"/{eye}/camera_info", camera(tx=tx), time_ns=999 * MS, frame_id=f"{eye}_optical_frame")
+        for side, tx in (("left", 0.0), ("right", -0.1)):  # recorded after the last image
+            writer.camera_info(
+                f"/{side}/camera_info", camera(tx=tx), time_ns=999 * MS, frame_id=f"{side}_optical_frame"
+            )
     with open_bag(tmp_path / "bag") as bag:
         pairs = list(bag.stereo_pairs())
     assert [pair.stamp_ns for pair in pairs] == [100 * i * MS for i in range(6)]
@@ -206,8 +208,8 @@ def test_a_calibration_that_changes_is_followed(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag") as writer:
         for index, message in enumerate(recording(4)):
             if index in (0, 4):
-                for eye, tx in (("left", 0.0), ("right", -0.1 - 0.05 * index)):
-                    writer.camera_info(f"/{eye}/camera_info", camera(tx=tx), time_ns=message.log_ns, frame_id="x")
+                for side, tx in (("left", 0.0), ("right", -0.1 - 0.05 * index)):
+                    writer.camera_info(f"/{side}/camera_info", camera(tx=tx), time_ns=message.log_ns, frame_id="x")
             writer.raw(message)
     with open_bag(tmp_path / "bag") as bag:
         shifts = [pair.calibration.right.p[0, 3] for pair in bag.stereo_pairs() if pair.calibration]
@@ -215,17 +217,19 @@ def test_a_calibration_that_changes_is_followed(tmp_path: Path) -> None:
     assert "CameraInfo changes 1 times" in bag_info(tmp_path / "bag").warnings
 
 
-def test_empty_and_derived_topics_are_not_the_eyes() -> None:
+def test_empty_and_derived_topics_are_not_the_cameras() -> None:
     def topics(*names: str, count: int = 5, kind: str = "Image") -> list[TopicInfo]:
         return [
-            TopicInfo(f"/{eye}/{name}", f"sensor_msgs/msg/{kind}", count) for name in names for eye in ("left", "right")
+            TopicInfo(f"/{side}/{name}", f"sensor_msgs/msg/{kind}", count)
+            for name in names
+            for side in ("left", "right")
         ]
 
     compressed = topics("image_raw/compressed", kind="CompressedImage")
     found = find_stereo_topics(topics("image_raw", count=0) + compressed)
     assert found.left == "/left/image_raw/compressed"
     assert find_stereo_topics(topics("image_raw") + compressed).left == "/left/image_raw"
-    infos = [TopicInfo(f"/{eye}/camera_info", "sensor_msgs/msg/CameraInfo", 5) for eye in ("left", "right")]
+    infos = [TopicInfo(f"/{side}/camera_info", "sensor_msgs/msg/CameraInfo", 5) for side in ("left", "right")]
     found = find_stereo_topics(compressed + infos)
     assert (found.left_info, found.right_info) == ("/left/camera_info", "/right/camera_info")
     assert find_stereo_topics(topics("image_rect") + topics("image_color")).left == "/left/image_color"
@@ -268,14 +272,14 @@ def test_depth_in_metres_and_millimetres(tmp_path: Path, dtype: str, unit: float
         ),
     ],
 )
-def test_the_eyes_are_found_by_name(tmp_path: Path, topics: list[str], expected: tuple[str, str]) -> None:
+def test_the_cameras_are_found_by_name(tmp_path: Path, topics: list[str], expected: tuple[str, str]) -> None:
     path = write_mcap(tmp_path / "a.mcap", recording(2, topics=topics))
     with open_bag(path) as bag:
         found = bag.stereo_topics()
     assert (found.left, found.right) == expected
 
 
-def test_the_eyes_can_be_named(tmp_path: Path) -> None:
+def test_the_cameras_can_be_named(tmp_path: Path) -> None:
     path = write_mcap(tmp_path / "a.mcap", recording(2, topics=["/port/image_raw", "/starboard/image_raw"]))
     with open_bag(path) as bag:
         with pytest.raises(BagError, match=r"no stereo pair: .*got /port/image_raw \(2\), /starboard/image_raw \(2\)"):
@@ -285,9 +289,9 @@ def test_the_eyes_can_be_named(tmp_path: Path) -> None:
             bag.stereo_pairs("/bow", "/stern")
 
 
-def test_one_eye_missing_is_said(tmp_path: Path) -> None:
+def test_one_camera_missing_is_said(tmp_path: Path) -> None:
     path = write_mcap(tmp_path / "a.mcap", recording(2, topics=["/left/image_raw"]))
-    with open_bag(path) as bag, pytest.raises(BagError, match=r"left and a right eye, got /left/image_raw \(2\)$"):
+    with open_bag(path) as bag, pytest.raises(BagError, match=r"left and a right camera, got /left/image_raw \(2\)$"):
         bag.stereo_pairs()
 
 

@@ -61,7 +61,7 @@ class Truth:
 def pairs() -> Iterator[Truth]:
     """The four pairs of the shared data."""
     for folder in sorted(p.parent for p in STEREO.glob("*/gt.pfm")):
-        left, right = (cv2.imread(str(folder / f"{eye}.png"))[..., ::-1] for eye in ("left", "right"))
+        left, right = (cv2.imread(str(folder / f"{view}.png"))[..., ::-1] for view in ("left", "right"))
         truth = cv2.imread(str(folder / "gt.pfm"), cv2.IMREAD_UNCHANGED)
         mask = cv2.imread(str(folder / "mask_nonocc.png"), cv2.IMREAD_GRAYSCALE) == 255
         everywhere = _filled(np.where(np.isfinite(truth), truth, np.float32(np.nan)))
@@ -72,7 +72,7 @@ def pairs() -> Iterator[Truth]:
 
 
 def _in_right_view(disparity: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Warp a disparity map to the other eye, the nearest surface in front; holes take the farther neighbour."""
+    """Warp a disparity map to the other camera, the nearest surface in front; holes take the farther neighbour."""
     v, u = np.indices(disparity.shape)
     order = np.argsort(disparity, axis=None, kind="stable")
     v, target, value = v.ravel()[order], np.round(u - disparity).astype(int).ravel()[order], disparity.ravel()[order]
@@ -91,21 +91,21 @@ def _filled(disparity: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def drown(truth: Truth, water: Water | None, seed: int = 1) -> tuple[Image, Image]:
-    """Both eyes of a pair under water; no water: in air."""
+    """Both cameras of a pair under water; no water: in air."""
     if water is None:
         return truth.left, truth.right
     scale = float(np.median(truth.disparity_left)) * MEDIAN_DEPTH_M
-    eyes = ((truth.left, truth.disparity_left, 0), (truth.right, truth.disparity_right, 1))
+    views = ((truth.left, truth.disparity_left, 0), (truth.right, truth.disparity_right, 1))
     left, right = (
-        _drowned(image, scale / np.maximum(disparity, 1), water, eye, np.random.default_rng([seed, eye]))
-        for image, disparity, eye in eyes
+        _drowned(image, scale / np.maximum(disparity, 1), water, view, np.random.default_rng([seed, view]))
+        for image, disparity, view in views
     )
     return left, right
 
 
-def _drowned(image: Image, depth: NDArray[np.float32], water: Water, eye: int, rng: np.random.Generator) -> Image:
+def _drowned(image: Image, depth: NDArray[np.float32], water: Water, view: int, rng: np.random.Generator) -> Image:
     z = depth.astype(np.float32)[..., None]
-    light = _lamp(depth, eye) if water.lamp else np.float32(1)
+    light = _lamp(depth, view) if water.lamp else np.float32(1)
     direct = (image / np.float32(255)) ** 2.2 * light * np.exp(-np.float32(water.direct) * z)
     direct = 0.5 * direct + 0.5 * cv2.GaussianBlur(direct, (0, 0), water.blur * MEDIAN_DEPTH_M + 0.3)
     veil = np.float32(water.veil_color) * (1 - np.exp(-np.float32(water.veil) * z)) * light
@@ -113,11 +113,11 @@ def _drowned(image: Image, depth: NDArray[np.float32], water: Water, eye: int, r
     return np.clip(np.round(seen + rng.normal(0, water.noise, seen.shape)), 0, 255).astype(np.uint8)
 
 
-def _lamp(depth: NDArray[np.float32], eye: int) -> NDArray[np.float32]:
-    """A cone of light that falls with the squared distance; the right eye sees it farther left."""
+def _lamp(depth: NDArray[np.float32], view: int) -> NDArray[np.float32]:
+    """A cone of light that falls with the squared distance; the right camera sees it farther left."""
     height, width = depth.shape
     v, u = np.indices(depth.shape, dtype=np.float32)
-    centre = width * (0.45, 0.38)[eye]
+    centre = width * (0.45, 0.38)[view]
     beam = np.exp(-((u - centre) ** 2 + (v - 0.45 * height) ** 2) / (2 * (0.28 * width) ** 2))
     light = (0.06 + beam) * np.minimum((MEDIAN_DEPTH_M / depth) ** 2, 3)
     return light[..., None].astype(np.float32)

@@ -130,7 +130,7 @@ def run(sea: Sea, camera_hz: float, work: Path, parameters: list[str]) -> dict[s
         arguments = ["--ros-args", "--params-file", NAVIGATION, *parameters]
         nodes = {name: graph.start(name, *arguments).process.pid for name in FOUR}
         graph.connected(*FOUR)
-        topics = [f"/{eye}/{topic}" for eye in ("left", "right") for topic in ("image_raw", "camera_info")]
+        topics = [f"/{side}/{topic}" for side in ("left", "right") for topic in ("image_raw", "camera_info")]
         player = graph.start("bag_player_node", sea.path, "--rate", camera_hz / RECORDED_HZ, "--wait-for", *topics)
         nodes["bag_player_node"] = player.process.pid
         graph.spin_until(lambda: heard.clouds, "the first cloud")

@@ -7,7 +7,7 @@ other seeds and strengths, were not.
 
 Eight dives (rich and weak texture, slanted floors, noise, turbid water, particles, different exposure; other sizes than
 the Middlebury pairs), and two Middlebury pairs under waters of other strength and seed than those of
-``drowned_pairs.py``. Errors are bad-0.5 / bad-1 in percent of the pixels both eyes see, holes filled; CPU seconds.
+``drowned_pairs.py``. Errors are bad-0.5 / bad-1 in percent of the pixels both cameras see, holes filled; CPU seconds.
 """
 
 # ruff: noqa: T201
@@ -55,7 +55,7 @@ DROWNED = {
 
 @dataclass(frozen=True)
 class Scene:
-    """A rectified pair, the true disparity, NaN where unknown, and the pixels both eyes see."""
+    """A rectified pair, the true disparity, NaN where unknown, and the pixels both cameras see."""
 
     name: str
     left: Image

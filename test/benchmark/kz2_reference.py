@@ -43,7 +43,7 @@ def peak_mb() -> float:
 
 def run_pair(folder: Path, threads: int, seeds: int) -> list[dict[str, Any]]:
     """Match one pair with several seeds."""
-    left, right = (read_image(folder / f"{eye}.png") for eye in ("left", "right"))
+    left, right = (read_image(folder / f"{side}.png") for side in ("left", "right"))
     truth, mask = read_disparity(folder / "gt.pfm"), read_image(folder / "mask_nonocc.png") == 255
     labels, reference, reference_cpu = REFERENCE[folder.name]
     kz2(left[:64, :64], right[:64, :64], 0, 3, sweeps=1, threads=threads)

@@ -44,7 +44,7 @@ def cones() -> tuple[Image, Image]:
 
 def grow(method: str, width: int, height: int, labels: int, threads: int) -> Row:
     """One size and number of labels, in this process."""
-    left, right = (cv2.resize(eye, (width, height), interpolation=cv2.INTER_AREA) for eye in cones())
+    left, right = (cv2.resize(side, (width, height), interpolation=cv2.INTER_AREA) for side in cones())
     matcher = METHODS[method](threads)
     matcher(left[:48, :64].copy(), right[:48, :64].copy(), 8)
     before, best = peak_mb(), (float("inf"), float("inf"))
@@ -76,7 +76,7 @@ def hard_inputs() -> Iterator[tuple[str, Image, Image]]:
     yield "strong noise", noise(30, 1), noise(30, 2)
     yield "two unrelated textures", noise(40, 1, 1.5), noise(40, 2, 1.5)
     yield "two unrelated clouds", noise(40, 1, 12), noise(40, 2, 12)
-    yield "stripes, the same in both eyes", stripes, stripes
+    yield "stripes, the same in both cameras", stripes, stripes
     yield (
         "stripes and noise",
         *(np.clip(stripes + noise(4, s).astype(float) - 110, 0, 255).astype(np.uint8) for s in (1, 2)),

@@ -5,8 +5,8 @@
 Each matcher runs in a process of its own for every water and number of threads, compiled code warm, three times a pair
 (slow ones once); the least times count. Errors are in percent of the non-occluded pixels, holes filled, as the
 benchmark counts; the density is that before filling; occlusions found are the pixels that the status calls seen by one
-eye alone (for the peers, which do not say why, all without a disparity), against the truth's. Prints the tables, leaves
-``matching.json``, ``matching.md`` and ``accuracy_over_time.svg``.
+camera alone (for the peers, which do not say why, all without a disparity), against the truth's. Prints the tables,
+leaves ``matching.json``, ``matching.md`` and ``accuracy_over_time.svg``.
 """
 
 from __future__ import annotations
@@ -35,17 +35,17 @@ Row = dict[str, Any]
 
 
 def snow(left: Image, right: Image) -> tuple[Image, Image]:
-    """Particles before the lens, different in either eye, and the right eye exposed differently."""
+    """Particles before the lens, different in either camera, and the right camera exposed differently."""
     rng = np.random.default_rng(5)
-    eyes = []
+    sides = []
     for image, gain, offset in ((left, 1.0, 0.0), (right, 0.85, 9.0)):
         layer = np.zeros(image.shape[:2], np.float32)
         for _ in range(image.size // 9000):
             v, u = (int(rng.integers(n)) for n in layer.shape)
             cv2.circle(layer, (u, v), int(rng.integers(1, 4)), float(rng.uniform(15, 70)), -1)
         seen = image * gain + offset + cv2.GaussianBlur(layer, (0, 0), 0.8)[..., None]
-        eyes.append(np.clip(np.round(seen), 0, 255).astype(np.uint8))
-    return eyes[0], eyes[1]
+        sides.append(np.clip(np.round(seen), 0, 255).astype(np.uint8))
+    return sides[0], sides[1]
 
 
 def wet(truth: Truth, water: str) -> tuple[Image, Image]:

@@ -4,7 +4,7 @@
 
 Three dives of 640x480, from 2 frames a second with the images moving by 50 px from one to the next, to 5 a second and
 10 px. Each frame is matched alone and as the next of its sequence; the first, which has none before it, is left out.
-Errors are in percent of the pixels that both eyes see, holes filled; the density is that before filling. Prints a
+Errors are in percent of the pixels that both cameras see, holes filled; the density is that before filling. Prints a
 table, leaves ``matching_sequence.json``.
 """
 

@@ -35,7 +35,7 @@ def verified(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> str:
     """Keypoints, matches, verified matches, their median epipolar distance."""
     finder = cv2.SIFT_create(8000)
     points, words = zip(
-        *(finder.detectAndCompute(cv2.cvtColor(eye, cv2.COLOR_RGB2GRAY), None) for eye in (left, right)), strict=True
+        *(finder.detectAndCompute(cv2.cvtColor(view, cv2.COLOR_RGB2GRAY), None) for view in (left, right)), strict=True
     )
     pairs = cv2.BFMatcher().knnMatch(*words, k=2)
     good = [best for best, second in pairs if best.distance < 0.8 * second.distance]
@@ -50,7 +50,7 @@ def verified(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> str:
 def main() -> None:
     """Print a table for each pair."""
     for path in sorted(WATER.glob("*/left.*")):
-        pair = StereoPair(*(cv2.imread(str(path.with_stem(eye)))[..., ::-1] for eye in ("left", "right")))
+        pair = StereoPair(*(cv2.imread(str(path.with_stem(view)))[..., ::-1] for view in ("left", "right")))
         print(f"{path.parent.name}\n{'  raw':24s}{verified(pair.left, pair.right)}")
         for name, values in VARIANTS.items():
             out = Preprocess(PreprocessParams(**values))(pair)  # type: ignore[arg-type]

@@ -46,14 +46,14 @@ def sgbm(left: Gray, right: Gray, labels: int) -> NDArray[np.float32]:
         minDisparity=0, numDisparities=count, blockSize=3, P1=72, P2=288, disp12MaxDiff=1, uniquenessRatio=5,
         speckleWindowSize=50, speckleRange=2, preFilterCap=31, mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
     )  # fmt: skip
-    padded = [np.pad(eye, ((0, 0), (count, 0)), mode="edge") for eye in (left, right)]
+    padded = [np.pad(view, ((0, 0), (count, 0)), mode="edge") for view in (left, right)]
     disparity = matcher.compute(*padded)[:, count:].astype(np.float32) / 16
     return np.where(disparity >= 0, disparity, np.float32(np.nan))
 
 
 def census(left: Gray, right: Gray, labels: int) -> NDArray[np.float32]:
-    """The best census match of a 7 x 7 block, checked from the other eye: contrast does not matter to it."""
-    signs = [_census(eye) for eye in (left, right)]
+    """The best census match of a 7 x 7 block, checked from the other camera: contrast does not matter to it."""
+    signs = [_census(view) for view in (left, right)]
     cost = np.full((labels, *left.shape), 49.0, np.float32)
     other = cost.copy()
     for d in range(labels):
@@ -81,7 +81,7 @@ def ours(name: str) -> Matcher:
     def match(left: Gray, right: Gray, labels: int) -> NDArray[np.float32]:
         choice = {"method": "kz2"} if name == "kz2" else {"effort": name}
         stage = Match(MatchParams(min_disparity=0, max_disparity=labels - 1, **choice))
-        colors = [np.repeat(eye[..., None], 3, axis=2) for eye in (left, right)]
+        colors = [np.repeat(view[..., None], 3, axis=2) for view in (left, right)]
         geometry = StereoGeometry(1000.0, 0.0, 0.0, 0.0)
         return stage(RectifiedPair(*colors, left, right, geometry, RectificationQuality("given"))).disparity
 

@@ -55,13 +55,13 @@ def measured(function: Callable[[], Any], repeat: int) -> tuple[float, float, An
 
 
 def steps(left: np.ndarray, right: np.ndarray, repeat: int) -> None:
-    """Print a line for each step, on both eyes in two threads."""
+    """Print a line for each step, on both cameras in two threads."""
     height, width = left.shape[:2]
 
     with TwoThreads() as both:
 
-        def step(name: str, function: Callable[..., Any], *eyes: Any) -> Any:
-            cpu, wall, result = measured(lambda: both(function, *eyes), repeat)
+        def step(name: str, function: Callable[..., Any], *views: Any) -> Any:
+            cpu, wall, result = measured(lambda: both(function, *views), repeat)
             print(f"  {name:42s}{cpu:8.1f}{wall:8.1f}")
             return result
 
@@ -73,21 +73,21 @@ def steps(left: np.ndarray, right: np.ndarray, repeat: int) -> None:
         even = step("4  homomorphic", partial(homomorphic.homomorphic_filter, cutoff=20.0), extended)
         pyramids = step("5  wavelet: decompose", partial(wavelet.decompose, levels=5), even)
         cpu, wall, sigma = measured(lambda: wavelet.noise_sigma(pyramids), repeat)
-        print(f"  {'5  wavelet: noise of both eyes':42s}{cpu:8.1f}{wall:8.1f}")
+        print(f"  {'5  wavelet: noise of both views':42s}{cpu:8.1f}{wall:8.1f}")
         shrunk = step("5  wavelet: shrink", partial(wavelet.shrink, sigma=sigma), pyramids)
         smooth = step("5  wavelet: reconstruct", wavelet.reconstruct, shrunk)
         diffused = step("6  diffusion, 4 times", diffusion.diffuse, smooth)
         cropped = both(partial(extension.crop_extension, height=height, width=width), diffused)
         cpu, wall, bounds = measured(lambda: intensity.intensity_bounds(cropped), repeat)
-        print(f"  {'7  intensity: bounds of both eyes':42s}{cpu:8.1f}{wall:8.1f}")
+        print(f"  {'7  intensity: bounds of both views':42s}{cpu:8.1f}{wall:8.1f}")
         stretched = step("7  intensity: stretch", partial(intensity.stretch, bounds=bounds), cropped)
         replaced = step("8  luminance in its place", color.replace_luminance, ycbcr, stretched)
         rgb = step("8  YCbCr to RGB", color.rgb_from_ycbcr, replaced)
         cpu, wall, gains = measured(lambda: color.equalizing_gains(rgb), repeat)
-        print(f"  {'9  colour means: gains of both eyes':42s}{cpu:8.1f}{wall:8.1f}")
+        print(f"  {'9  colour means: gains of both views':42s}{cpu:8.1f}{wall:8.1f}")
         step("9  colour means: apply", partial(color.apply_gains, gains=gains), rgb)
         cpu, wall, weights = measured(lambda: matching_profile.channel_weights(clean), repeat)
-        print(f"  {'m  matching: weights of both eyes':42s}{cpu:8.1f}{wall:8.1f}")
+        print(f"  {'m  matching: weights of both views':42s}{cpu:8.1f}{wall:8.1f}")
         gray = step("m  matching: gray", partial(matching_profile.weighted_gray, weights=weights), clean)
         step("m  matching: denoise", partial(matching_profile.denoise_evenly, sigma=0.02), gray)
 

@@ -60,8 +60,8 @@ def semi_global(pair: RectifiedPair, count: int) -> NDArray[np.float32]:
     """OpenCV's semi-global matcher, left border padded, speckles left in."""
     count = -(-count // 16) * 16
     matcher = cv2.StereoSGBM_create(0, count, 5, 8 * 25, 32 * 25, 1, 31, 10, 0, 0)
-    eyes = [np.pad(eye, ((0, 0), (count, 0)), mode="edge") for eye in (pair.left_matching, pair.right_matching)]
-    disparity = matcher.compute(*eyes)[:, count:].astype(np.float32) / 16
+    sides = [np.pad(side, ((0, 0), (count, 0)), mode="edge") for side in (pair.left_matching, pair.right_matching)]
+    disparity = matcher.compute(*sides)[:, count:].astype(np.float32) / 16
     return np.where(disparity >= 0, disparity, np.float32(np.nan))
 
 
@@ -100,7 +100,7 @@ def cases(kz2: bool) -> Iterator[Case]:
     for known in pairs():
         if known.name == "tsukuba":
             continue  # its truth is whole pixels
-        gray = [cv2.cvtColor(np.ascontiguousarray(eye), cv2.COLOR_RGB2GRAY) for eye in (known.left, known.right)]
+        gray = [cv2.cvtColor(np.ascontiguousarray(side), cv2.COLOR_RGB2GRAY) for side in (known.left, known.right)]
         width = known.left.shape[1]
         geometry = StereoGeometry(1.2 * width, width / 2, width / 2, known.left.shape[0] / 2, baseline_m=0.1)
         pair = RectifiedPair(known.left, known.right, *gray, geometry, RectificationQuality("given"))

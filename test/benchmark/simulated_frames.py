@@ -17,7 +17,7 @@ from uw_recon_ros.types import StereoPair
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """What the matcher is shown, and the true disparity, px; `seen`: where the right eye sees the same."""
+    """What the matcher is shown, and the true disparity, px; `seen`: where the right camera sees the same."""
 
     left: NDArray[np.uint8]
     right: NDArray[np.uint8]

@@ -36,7 +36,7 @@ from uw_recon_ros.doctor.observation import (
     Surroundings,
     Topic,
 )
-from uw_recon_ros.doctor.suggestions import actual_names, for_image, says_eye
+from uw_recon_ros.doctor.suggestions import actual_names, for_image, says_side
 from uw_recon_ros.doctor.text import as_json, as_table
 from uw_recon_ros.doctor.topic_graph import TYPES
 from uw_recon_ros.topics import COMPRESSED_IMAGE, IMAGE, POINT_CLOUD
@@ -112,10 +112,10 @@ def test_only_compressed_images_but_raw_ones_are_asked_for() -> None:
 
 def test_compressed_images_do_as_well() -> None:
     seen = change(healthy(), left__image_raw=topic("left/image_raw"), right__image_raw=topic("right/image_raw"))
-    for eye in ("left", "right"):
+    for side in ("left", "right"):
         came = images(width=0, height=0, encoding="jpeg")
-        compressed = replace(published(f"/{eye}/image_raw/compressed", COMPRESSED_IMAGE), arrivals=came)
-        seen = replace(seen, topics={**seen.topics, f"{eye}/image_raw/compressed": compressed})
+        compressed = replace(published(f"/{side}/image_raw/compressed", COMPRESSED_IMAGE), arrivals=came)
+        seen = replace(seen, topics={**seen.topics, f"{side}/image_raw/compressed": compressed})
     assert warnings(seen) == ""
 
 
@@ -184,7 +184,7 @@ def test_best_effort_is_warned_of_where_images_are_large() -> None:
         ({"encoding": "nv12"}, "got 'nv12'"),
     ],
 )
-def test_eyes_that_differ(change: dict[str, Any], words: str) -> None:
+def test_cameras_that_differ(change: dict[str, Any], words: str) -> None:
     assert words in cause(without_clouds(spoil(healthy(), "right/image_raw", arrivals=images(**change))))
 
 
@@ -215,7 +215,7 @@ def test_stamps_of_nought() -> None:
     assert "stamps are zero" in cause(without_clouds(seen))
 
 
-def test_one_eye_at_half_rate_and_one_that_loses_images() -> None:
+def test_one_camera_at_half_rate_and_one_that_loses_images() -> None:
     half = images(STAMPS[::2], rate_hz=5.0)
     assert "rates differ: left 10.0 Hz, right 5.0 Hz" in warnings(spoil(healthy(), "right/image_raw", arrivals=half))
     ragged = tuple(stamp + (30_000_000 if place % 4 == 0 else 0) for place, stamp in enumerate(STAMPS))
@@ -223,7 +223,7 @@ def test_one_eye_at_half_rate_and_one_that_loses_images() -> None:
     assert "24% of the images find no partner" in warnings(seen)
 
 
-def test_offsets_ignore_what_one_eye_saw_alone() -> None:
+def test_offsets_ignore_what_one_camera_saw_alone() -> None:
     assert offsets_ms([0, 10_000_000, 20_000_000], [10_000_000, 21_000_000]) == [0.0, 1.0]
     assert offsets_ms([0], [5_000_000]) == [5.0]
     assert offsets_ms([], [1]) == []
@@ -245,8 +245,8 @@ def unscaled(seen: Observation) -> Observation:
     return change(seen, points_unscaled=topic("points_unscaled", "/point_cloud_node", images(valid_share=0.7)))
 
 
-def info(**eyes: Any) -> Observation:
-    return replace(healthy(), infos={**healthy().infos, **eyes})
+def info(**sides: Any) -> Observation:
+    return replace(healthy(), infos={**healthy().infos, **sides})
 
 
 ZERO = numbers(k=(0.0,) * 9)
@@ -327,10 +327,10 @@ def test_a_node_that_is_not_active(state: str, words: str) -> None:
 def test_a_refused_rectification() -> None:
     drops = {"dropped: EstimationError": "12", "dropped: superseded by newer": "3"}
     drops["last drop code"] = "rectify.exchanged"
-    refused = Status(2, "exchanged eyes: expected positive disparities, got 99 %", drops)
+    refused = Status(2, "left and right images are swapped: expected positive disparities, got 99 %", drops)
     seen = with_node(without_clouds(healthy(), since=1), "rectify_node", statuses=(refused, Status(0, "idle")))
     line = cause(seen)
-    assert "/rectify_node refuses every frame: exchanged eyes" in line
+    assert "/rectify_node refuses every frame: left and right images are swapped" in line
     assert "EstimationError x12" in line
     assert "superseded" not in line
     assert "-> exchange the topics of left and right" in line
@@ -377,9 +377,9 @@ def test_two_of_everything() -> None:
     assert "2 nodes are called /rectify_node" in warnings(with_node(healthy(), "rectify_node", copies=2))
     both = (Endpoint("/disparity_node", TYPES["disparity"]), Endpoint("/pipeline_node", TYPES["disparity"]))
     assert "/disparity has 2 publishers" in warnings(spoil(healthy(), "disparity", publishers=both))
-    eyes = (Endpoint("/driver", IMAGE), Endpoint("/bag", IMAGE))
+    sides = (Endpoint("/driver", IMAGE), Endpoint("/bag", IMAGE))
     assert "/left/image_raw: 2 publishers (/driver, /bag)" in warnings(
-        spoil(healthy(), "left/image_raw", publishers=eyes)
+        spoil(healthy(), "left/image_raw", publishers=sides)
     )
 
 
@@ -446,12 +446,12 @@ def test_json_says_the_same() -> None:
     assert json.loads(as_json(diagnose(healthy())))["cause"] is None
 
 
-def test_names_of_eyes() -> None:
-    assert says_eye("/stereo/left/image_raw", "left")
-    assert says_eye("/cam_left_front/image", "left")
-    assert not says_eye("/stereo/right/image_raw", "left")
-    assert not says_eye("/leftover/image", "left")
-    assert not says_eye("/left_right_stitched/image", "left")
+def test_names_of_cameras() -> None:
+    assert says_side("/stereo/left/image_raw", "left")
+    assert says_side("/cam_left_front/image", "left")
+    assert not says_side("/stereo/right/image_raw", "left")
+    assert not says_side("/leftover/image", "left")
+    assert not says_side("/left_right_stitched/image", "left")
     assert for_image("left", [published("/left/image_rect"), published("/left/image_raw")])[0] == "/left/image_raw"
 
 

@@ -33,17 +33,17 @@ def test_big_clouds_reach_best_effort_readers(graph: Any, tmp_path: Path) -> Non
     heard: dict[str, list[Any]] = {topic: [] for topic in KINDS}
     for topic, kind in KINDS.items():
         bench.outsider.create_subscription(kind, topic, heard[topic].append, qos_profile_sensor_data)
-    images = {eye: bench.talk(Image, f"{eye}/image_raw") for eye in ("left", "right")}
-    told = {eye: bench.talk(CameraInfo, f"{eye}/camera_info") for eye in ("left", "right")}
+    images = {side: bench.talk(Image, f"{side}/image_raw") for side in ("left", "right")}
+    told = {side: bench.talk(CameraInfo, f"{side}/camera_info") for side in ("left", "right")}
     graph.spin_until(lambda: all(p.get_subscription_count() for p in (*images.values(), *told.values())), "the node")
     sent = [0]
 
     def send() -> None:
         stamp = (sent[0] + 1) * 1_000_000_000
-        for eye, image, info in zip(("left", "right"), banded_pair(), infos(stamp), strict=True):
-            told[eye].publish(larger(info))
+        for side, image, info in zip(("left", "right"), banded_pair(), infos(stamp), strict=True):
+            told[side].publish(larger(info))
             size = (image.shape[1] * SCALE, image.shape[0] * SCALE)
-            images[eye].publish(color(cv2.resize(image, size, interpolation=cv2.INTER_CUBIC), stamp))
+            images[side].publish(color(cv2.resize(image, size, interpolation=cv2.INTER_CUBIC), stamp))
         sent[0] += 1
 
     def answered() -> bool:

@@ -28,8 +28,8 @@ def bag(tmp_path: Path) -> Path:
     left, right = banded_pair()
     with BagWriter(tmp_path / "bag") as writer:
         for frame in range(40):
-            for eye, image in (("left", left), ("right", right)):
-                writer.image(f"/{eye}/image_raw", image, time_ns=frame * SECOND // 10, frame_id=eye)
+            for side, image in (("left", left), ("right", right)):
+                writer.image(f"/{side}/image_raw", image, time_ns=frame * SECOND // 10, frame_id=side)
     return tmp_path / "bag"
 
 

@@ -42,18 +42,18 @@ def sailing(trial: SeaTrial) -> Iterator[None]:
     assert not any("Traceback" in executable.output for executable in trial.graph.started)
 
 
-@pytest.mark.parametrize("eye", ["left", "right"])
-def test_an_eye_stops_and_comes_back(trial: SeaTrial, eye: str) -> None:
-    other = {"left": RIGHT, "right": LEFT}[eye]
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_an_camera_stops_and_comes_back(trial: SeaTrial, side: str) -> None:
+    other = {"left": RIGHT, "right": LEFT}[side]
     trial.sail_until(
-        lambda: trial.complains("preprocess_node", f"/{eye}/image_raw", "a publisher, but no messages"),
-        "preprocess_node to name the eye",
+        lambda: trial.complains("preprocess_node", f"/{side}/image_raw", "a publisher, but no messages"),
+        "preprocess_node to name the camera",
         *other,
     )
     trial.sail_until(lambda: trial.complains("point_cloud_node", "/disparity"), "navigation's node to say so", *other)
     quiet = trial.stamp
     trial.sail_until(lambda: trial.stamp > quiet + 5 * STEP, "a while", *other)
-    assert max(trial.depths) < quiet  # one eye sees no depth
+    assert max(trial.depths) < quiet  # one camera sees no depth
 
 
 def test_time_is_set_back_and_forward(trial: SeaTrial) -> None:

@@ -166,11 +166,11 @@ def test_a_clock_that_stands_still(graph: Graph, tmp_path: Path) -> None:
 
     with BagWriter(tmp_path / "bag") as writer:
         for frame in range(1, 4):
-            for eye, image, info in zip(("left", "right"), banded_pair(), infos(frame * SECOND), strict=True):
+            for side, image, info in zip(("left", "right"), banded_pair(), infos(frame * SECOND), strict=True):
                 for topic, message in (("camera_info", info), ("image_raw", color(image, frame * SECOND))):
                     kind = f"sensor_msgs/msg/{type(message).__name__}"
                     data = bytes(serialize_message(message))
-                    writer.raw(RawMessage(f"/{eye}/{topic}", kind, frame * SECOND, data))
+                    writer.raw(RawMessage(f"/{side}/{topic}", kind, frame * SECOND, data))
     trial = SeaTrial(graph, PIPELINE)
     graph.start("pipeline_node", *arguments(use_sim_time=True))
     player = graph.start("bag_player_node", tmp_path / "bag", "--start-paused", "--wait-for", "/left/image_raw")

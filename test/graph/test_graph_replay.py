@@ -53,14 +53,14 @@ def write(
 
         for frame in range(FRAMES):
             stamp = (frame + 1) * SECOND
-            for eye, image, info in zip(("left", "right"), banded_pair(frame), infos(stamp), strict=True):
+            for side, image, info in zip(("left", "right"), banded_pair(frame), infos(stamp), strict=True):
                 message = color(np.ascontiguousarray(image.swapaxes(0, 1)) if vertical else image, stamp)
-                if spoil and eye == "right" and frame in spoil:
+                if spoil and side == "right" and frame in spoil:
                     message = spoil[frame]
                     message.header = messages.header(stamp, FRAME)
-                add(f"/{eye}/image_raw", message, stamp)
+                add(f"/{side}/image_raw", message, stamp)
                 if calibrated:
-                    add(f"/{eye}/camera_info", upright(stamp)[eye] if vertical else info, stamp)
+                    add(f"/{side}/camera_info", upright(stamp)[side] if vertical else info, stamp)
     return path
 
 
@@ -144,12 +144,12 @@ def test_the_graph_makes_what_the_offline_pipeline_makes(
 def test_a_real_pair_without_calibration(graph: Any, tmp_path: Path, turned: bool) -> None:
     """Hazy, uncalibrated, a third of its size: what the nodes send is what offline makes, in no metres."""
     with BagWriter(tmp_path / "bag") as writer:
-        for eye in ("left", "right"):
+        for side in ("left", "right"):
             image = cv2.resize(
-                read_image(CANYON / f"{eye}.png"), None, fx=1 / 3, fy=1 / 3, interpolation=cv2.INTER_AREA
+                read_image(CANYON / f"{side}.png"), None, fx=1 / 3, fy=1 / 3, interpolation=cv2.INTER_AREA
             )
             turn = np.ascontiguousarray(np.rot90(image)) if turned else image
-            writer.image(f"/{eye}/image_raw", turn, time_ns=SECOND, frame_id=FRAME)
+            writer.image(f"/{side}/image_raw", turn, time_ns=SECOND, frame_id=FRAME)
     (expected,) = offline(tmp_path / "bag", {}).values()
     assert expected.disparity.geometry.axis == ("vertical" if turned else "horizontal")
     replay = Replay(graph, tmp_path / "bag", FOUR, tmp_path, "/**: {ros__parameters: {}}")

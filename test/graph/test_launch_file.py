@@ -72,8 +72,8 @@ def test_every_argument_is_described_and_used() -> None:
     names = re.findall(r'Argument\("(\w+)"', text)
     assert len(names) == len(set(names)) >= 18
     for name in names:
-        eye = re.sub(r"^(left|right)", "{eye}", name)
-        assert f'given["{name}"]' in text or f'given[f"{eye}"]' in text
+        side = re.sub(r"^(left|right)", "{camera}", name)
+        assert f'given["{name}"]' in text or f'given[f"{side}"]' in text
 
 
 def test_one_process_in_a_name_space(launch: Any) -> None:
@@ -234,9 +234,9 @@ def bag(tmp_path: Path) -> Path:
     with BagWriter(tmp_path / "bag") as writer:
         for frame in range(100):
             stamp = SECOND + frame * SECOND // 10
-            for eye, image in zip(("left", "right"), banded_pair(), strict=True):
-                writer.image(f"/cam/{eye}", image, time_ns=stamp, frame_id="cam")
-                writer.camera_info(f"/cam/{eye}_info", getattr(rig, eye), time_ns=stamp, frame_id="cam")
+            for side, image in zip(("left", "right"), banded_pair(), strict=True):
+                writer.image(f"/cam/{side}", image, time_ns=stamp, frame_id="cam")
+                writer.camera_info(f"/cam/{side}_info", getattr(rig, side), time_ns=stamp, frame_id="cam")
     return tmp_path / "bag"
 
 

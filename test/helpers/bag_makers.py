@@ -36,9 +36,9 @@ def recording(frames: int = 40, shape: tuple[int, ...] = (12, 16, 3), topics: Se
     """Left and right images at 10 Hz, recorded 2 and 3 ms after they were taken."""
     topics = topics or ("/left/image_raw", "/right/image_raw")
     return [
-        RawMessage(topic, IMAGE, (100 * i + 2 + eye) * MS, image_bytes(2 * i + eye, 100 * i * MS, shape))
+        RawMessage(topic, IMAGE, (100 * i + 2 + side) * MS, image_bytes(2 * i + side, 100 * i * MS, shape))
         for i in range(frames)
-        for eye, topic in enumerate(topics)
+        for side, topic in enumerate(topics)
     ]
 
 

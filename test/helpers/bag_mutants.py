@@ -26,13 +26,13 @@ Record = tuple[int, bytes]
 
 
 def calibrated(frames: int) -> list[RawMessage]:
-    """Images of both eyes and their CameraInfo."""
+    """Images of both cameras and their CameraInfo."""
     found = recording(frames)
-    for eye, tx in (("left", 0.0), ("right", -0.1)):
+    for side, tx in (("left", 0.0), ("right", -0.1)):
         for i in range(frames):
             info = messages.camera_info_message(camera(tx=tx), time_ns=100 * i * MS, frame_id="left_optical_frame")
             kind, data = messages.encode(info)
-            found.append(RawMessage(f"/{eye}/camera_info", kind, (100 * i + 4) * MS, data))
+            found.append(RawMessage(f"/{side}/camera_info", kind, (100 * i + 4) * MS, data))
     return sorted(found, key=lambda message: message.log_ns)
 
 

@@ -21,7 +21,7 @@ def middlebury_under_water(water: str) -> Iterator[tuple[str, Image, Image, NDAr
     if not STEREO.is_dir():
         pytest.skip(f"{STEREO} is not here")
     for truth in pairs():
-        left, right = (to_gray(eye) for eye in drown(truth, WATERS[water]))
+        left, right = (to_gray(view) for view in drown(truth, WATERS[water]))
         yield truth.name, left, right, np.where(truth.mask, truth.disparity, np.float32(np.nan))
 
 

@@ -18,7 +18,7 @@ class Source:
         self._graph = graph
         kinds = {"image_raw": Image, "image_rect": Image, "camera_info": CameraInfo}
         topics = ["left/image_raw", "right/image_raw"]
-        topics += [f"rectified/{eye}/{kind}" for kind in ("image_rect", "camera_info") for eye in ("left", "right")]
+        topics += [f"rectified/{side}/{kind}" for kind in ("image_rect", "camera_info") for side in ("left", "right")]
         self._senders = {topic: graph.bench.talk(kinds[topic.split("/")[-1]], topic) for topic in topics}
         self._image = np.tile(texture(400, 500), (4, 4, 1))
         self._sent = 0

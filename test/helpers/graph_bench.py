@@ -22,8 +22,8 @@ LIMIT_S = 900.0  # on hanging; no verdict on speed
 FOUR = ("preprocess_node", "rectify_node", "disparity_node", "point_cloud_node")
 #: What one stage has for the next.
 BETWEEN = (
-    *(f"{eye}/image_{kind}" for eye in ("left", "right") for kind in ("enhanced", "matching")),
-    *(f"rectified/{eye}/{kind}" for eye in ("left", "right") for kind in ("image_rect", "camera_info")),
+    *(f"{side}/image_{kind}" for side in ("left", "right") for kind in ("enhanced", "matching")),
+    *(f"rectified/{side}/{kind}" for side in ("left", "right") for kind in ("image_rect", "camera_info")),
     "rectified/left/image_rect_color", "disparity", "disparity/sigma", "disparity/status",
 )  # fmt: skip
 

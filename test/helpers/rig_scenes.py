@@ -169,10 +169,10 @@ def boards(seed: int, count: int) -> list[Board]:
 def render(rig: Rig, *, count: int = 8, seed: int = 0) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     """RGB images of textured boards by casting a ray a pixel; ``count = 0``: a flat scene. No distortion."""
     scene = boards(seed, count)
-    return _render_eye(rig.left, rig, scene), _render_eye(rig.right, rig, scene)
+    return _render_camera(rig.left, rig, scene), _render_camera(rig.right, rig, scene)
 
 
-def _render_eye(camera: Camera, rig: Rig, scene: list[Board]) -> NDArray[np.uint8]:
+def _render_camera(camera: Camera, rig: Rig, scene: list[Board]) -> NDArray[np.uint8]:
     v, u = np.mgrid[0 : rig.height, 0 : rig.width]
     rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(camera.k).T @ camera.rotation
     origin = -camera.rotation.T @ camera.translation
@@ -199,13 +199,13 @@ def enhanced(
 def calibration_of(rig: Rig, *, alpha: float = 0.0) -> StereoCalibration:
     """What a calibration program would write for a rig: rectified by OpenCV, the oracle."""
     left, right, size = rig.left, rig.right, (rig.width, rig.height)
-    d = [NO_DISTORTION if eye.model == "equidistant" else eye.d for eye in (left, right)]  # R, P do not depend on it
+    d = [NO_DISTORTION if side.model == "equidistant" else side.d for side in (left, right)]  # R, P do not depend on it
     r1, r2, p1, p2, *_ = cv2.stereoRectify(
         left.k, d[0], right.k, d[1], size, right.rotation, right.translation[:, None],
         flags=cv2.CALIB_ZERO_DISPARITY, alpha=alpha,
     )  # fmt: skip
     cameras = [
-        CameraModel(rig.width, rig.height, eye.k, np.asarray(eye.d), r, p, eye.model)
-        for eye, r, p in ((left, r1, p1), (right, r2, p2))
+        CameraModel(rig.width, rig.height, side.k, np.asarray(side.d), r, p, side.model)
+        for side, r, p in ((left, r1, p1), (right, r2, p2))
     ]
     return StereoCalibration(*cameras)

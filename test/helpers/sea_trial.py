@@ -54,8 +54,8 @@ class SeaTrial:
         self.images = banded_pair()
         bench = graph.bench
         self.publishers = {
-            f"{eye}/{topic}": bench.talk(kind, f"{space}/{eye}/{topic}")
-            for eye in ("left", "right")
+            f"{side}/{topic}": bench.talk(kind, f"{space}/{side}/{topic}")
+            for side in ("left", "right")
             for topic, kind in (("image_raw", Image), ("camera_info", CameraInfo))
         }
         for topic, kind, kept in (
@@ -75,10 +75,10 @@ class SeaTrial:
         """Publish the messages of one pair, all or those named."""
         self.stamp, self._sent_at = stamp, time.monotonic()
         notes = infos(stamp, baseline_m=self.baseline_m)
-        for eye, image, info in zip(("left", "right"), self.images, notes, strict=True):
+        for side, image, info in zip(("left", "right"), self.images, notes, strict=True):
             for topic, message in (
-                (f"{eye}/camera_info", stamped(info, stamp)),
-                (f"{eye}/image_raw", color(image, stamp)),
+                (f"{side}/camera_info", stamped(info, stamp)),
+                (f"{side}/image_raw", color(image, stamp)),
             ):
                 if topic in (topics or self.publishers):
                     self.publishers[topic].publish(message)

@@ -31,8 +31,8 @@ STAMPS = tuple(range(SECOND, 6 * SECOND, SECOND // 10))
 def numbers(tx: float = 0.0, **changes: Any) -> CameraNumbers:
     k = (400.0, 0.0, 320.0, 0.0, 400.0, 240.0, 0.0, 0.0, 1.0)
     p = (400.0, 0.0, 320.0, tx, 0.0, 400.0, 240.0, 0.0, 0.0, 0.0, 1.0, 0.0)
-    eye = CameraNumbers(640, 480, k, (0.0,) * 5, (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), p)
-    return replace(eye, **changes)
+    side = CameraNumbers(640, 480, k, (0.0,) * 5, (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), p)
+    return replace(side, **changes)
 
 
 def images(stamps: tuple[int, ...] = STAMPS, **changes: Any) -> Arrivals:
@@ -57,9 +57,9 @@ def node(name: str, **changes: Any) -> GraphNode:
 def healthy() -> Observation:
     """Cameras with a calibration, four nodes, metric clouds, RViz listening."""
     topics = {name: topic(name) for name in TYPES}
-    for eye in ("left", "right"):
-        topics[f"{eye}/image_raw"] = topic(f"{eye}/image_raw", "/driver", images())
-        topics[f"{eye}/camera_info"] = topic(f"{eye}/camera_info", "/driver", Arrivals(50, 10.0, STAMPS))
+    for side in ("left", "right"):
+        topics[f"{side}/image_raw"] = topic(f"{side}/image_raw", "/driver", images())
+        topics[f"{side}/camera_info"] = topic(f"{side}/camera_info", "/driver", Arrivals(50, 10.0, STAMPS))
     for name, maker in MAKERS.items():
         topics[name] = topic(name, maker, images(frame_id="left_optical", valid_share=0.9))
     topics["points2"] = replace(topics["points2"], subscribers=(Endpoint("/rviz2", TYPES["points2"]),))

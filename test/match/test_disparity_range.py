@@ -68,7 +68,7 @@ def test_tiny_images_are_refused_politely(shape: tuple[int, int]) -> None:
 def test_real_pairs(name: str) -> None:
     if not STEREO.is_dir():
         pytest.skip(f"{STEREO} is not here")
-    left, right = (to_gray(read_image(STEREO / name / f"{eye}.png")) for eye in ("left", "right"))
+    left, right = (to_gray(read_image(STEREO / name / f"{side}.png")) for side in ("left", "right"))
     low, high = find_disparity_range(left, right)
     truth = read_disparity(STEREO / name / "gt.pfm")
     least, greatest = np.nanmin(truth[truth > 0]), np.nanmax(truth)

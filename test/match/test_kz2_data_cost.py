@@ -75,6 +75,6 @@ def test_reference_constants(name: str) -> None:
     if not STEREO.is_dir():
         pytest.skip(f"{STEREO} is not here")
     labels, expected = TABLE[name]
-    left, right = (make_interval_image(read_image(STEREO / name / f"{eye}.png")) for eye in ("left", "right"))
+    left, right = (make_interval_image(read_image(STEREO / name / f"{side}.png")) for side in ("left", "right"))
     occlusion_cost = automatic_occlusion_cost(left, right, 0, labels - 1)
     assert make_constants(occlusion_cost, occlusion_cost / 5) == expected

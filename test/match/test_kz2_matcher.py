@@ -29,7 +29,7 @@ def texture(seed: int, height: int, width: int, channels: int = 3) -> Image:
 
 
 def two_planes(seed: int = 1) -> tuple[Image, Image, NDArray[np.int16]]:
-    """A square at 9 px before a wall at 4 px; its truth, `OCCLUDED` where the left eye alone sees the wall."""
+    """A square at 9 px before a wall at 4 px; its truth, `OCCLUDED` where the left camera alone sees the wall."""
     wall, square = texture(seed, 60, 120), texture(seed + 1, 60, 120)
     left, right = wall[:, 10:110].copy(), wall[:, 14:114].copy()
     truth = np.full((60, 100), 4, np.int16)
@@ -77,7 +77,7 @@ def test_more_of_a_shift_shifts_the_result() -> None:
     assert 0.05 < far.occluded[:, 20:].mean() < 0.6  # a comparison worth making
 
 
-def test_both_eyes_tell_the_same() -> None:
+def test_both_cameras_tell_the_same() -> None:
     left, right, _ = two_planes(5)
     result = kz2(left, right, 0, 12)
     check_unique(result.labels)
@@ -88,13 +88,13 @@ def test_both_eyes_tell_the_same() -> None:
 
 
 @pytest.mark.parametrize("seed", [0, 4])
-def test_exchanging_mirrored_eyes_mirrors_the_result(seed: int) -> None:
+def test_exchanging_mirrored_cameras_mirrors_the_result(seed: int) -> None:
     left, right, _ = two_planes(seed)
     noise = np.random.RandomState(seed).normal(0, 12, left.shape)
     right = np.clip(right + noise, 0, 255).astype(np.uint8)
     plain, mirrored, upside_down = (
-        kz2(*eyes, 0, 12, seed=seed, occlusion_cost=50)  # one left to the images is counted in the left eye
-        for eyes in ((left, right), (right[:, ::-1], left[:, ::-1]), (left[::-1], right[::-1]))
+        kz2(*sides, 0, 12, seed=seed, occlusion_cost=50)  # one left to the images is counted in the left camera
+        for sides in ((left, right), (right[:, ::-1], left[:, ::-1]), (left[::-1], right[::-1]))
     )
     assert np.array_equal(mirrored.disparity[:, ::-1], plain.disparity_right, equal_nan=True)
     assert np.array_equal(upside_down.labels[::-1], plain.labels)
@@ -138,7 +138,7 @@ def test_reference_energies_are_reached(name: str) -> None:
     """Within 0.05 %, median of three seeds."""
     if not STEREO.is_dir():
         pytest.skip(f"{STEREO} is not here")
-    left, right = (read_image(STEREO / name / f"{eye}.png") for eye in ("left", "right"))
+    left, right = (read_image(STEREO / name / f"{side}.png") for side in ("left", "right"))
     labels, reference = REFERENCE[name]
     results = [kz2(left, right, 0, labels - 1, seed=seed, threads=2) for seed in range(3)]
     for result in results:

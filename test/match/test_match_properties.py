@@ -34,9 +34,9 @@ def test_vertical_rig_is_the_transposed_horizontal_one(effort: str) -> None:
         lying.append(image)
         standing.append(np.ascontiguousarray(image.swapaxes(0, 1)))
     results = []
-    for eyes, axis in ((lying, "horizontal"), (standing, "vertical")):
+    for sides, axis in ((lying, "horizontal"), (standing, "vertical")):
         geometry = dataclasses.replace(GEOMETRY, axis=axis)
-        pair = RectifiedPair(*eyes, *eyes, geometry, RectificationQuality("given"))
+        pair = RectifiedPair(*sides, *sides, geometry, RectificationQuality("given"))
         results.append(Match(MatchParams(max_disparity=15, effort=effort))(pair))
     one, other = results
     for name in ("disparity", "sigma", "status"):
@@ -123,7 +123,7 @@ def test_no_pass_of_cuts_raises_the_energy(effort: str, monkeypatch: pytest.Monk
 
     monkeypatch.setattr(refinement, "run_tiles", watched)
     random = np.random.RandomState(1)
-    noisy = (np.clip(eye + random.normal(0, 12, eye.shape), 0, 255).astype(np.uint8) for eye in step_pair()[:2])
+    noisy = (np.clip(side + random.normal(0, 12, side.shape), 0, 255).astype(np.uint8) for side in step_pair()[:2])
     graph_cut(*noisy, 0, 15, effort=effort)
     assert len(seen) > 20
     assert max(seen) <= 0

@@ -38,12 +38,12 @@ def truth(u0: float, v0: float, nearer: float = 0.0) -> NDArray[np.float32]:
     return 6 + 0.02 * (u + u0) + 0.05 * (v + v0) + np.float32(nearer)
 
 
-def eyes(u0: float, v0: float, nearer: float = 0.0, seed: int = 0) -> tuple[Image, Image]:
-    """Both views: the left one is the window, and the right one what that surface shows the other eye."""
+def sides(u0: float, v0: float, nearer: float = 0.0, seed: int = 0) -> tuple[Image, Image]:
+    """Both views: the left one is the window, and the right one what that surface shows the other camera."""
     v, u = np.indices((HEIGHT, WIDTH), np.float32)
     pattern = scene(seed)
     left = cv2.remap(pattern, u + np.float32(u0 + 60), v + np.float32(v0 + 30), cv2.INTER_CUBIC)
-    # the surface point that the right eye sees at x lies at u = x + d(u): solved for u, d being linear
+    # the surface point that the right camera sees at x lies at u = x + d(u): solved for u, d being linear
     at = (u + truth(u0, v0, nearer) - np.float32(0.02) * u) / np.float32(0.98)
     right = cv2.remap(pattern, at + np.float32(u0 + 60), v + np.float32(v0 + 30), cv2.INTER_CUBIC)
     first, second = (np.clip(np.round(i), 0, 255).astype(np.uint8) for i in (left, right))
@@ -51,7 +51,7 @@ def eyes(u0: float, v0: float, nearer: float = 0.0, seed: int = 0) -> tuple[Imag
 
 
 def pair(stamp_ns: int, *window: float) -> RectifiedPair:
-    left, right = eyes(*window)
+    left, right = sides(*window)
     return RectifiedPair(left, right, left, right, GEOMETRY, RectificationQuality("given"), stamp_ns=stamp_ns)
 
 
@@ -63,10 +63,10 @@ def planes_of(disparity: NDArray[np.float32], a: float = 0.0, b: float = 0.0) ->
 @pytest.mark.parametrize("motion", [(0.0, 0.0), (9.0, -4.0), (-23.0, 11.0)])
 @pytest.mark.parametrize("nearer", [0.0, 0.8])
 def test_planes_move_with_their_surface(motion: tuple[float, float], nearer: float) -> None:
-    before = FrameBefore(eyes(0, 0)[0], planes_of(truth(0, 0), 0.02, 0.05))
+    before = FrameBefore(sides(0, 0)[0], planes_of(truth(0, 0), 0.02, 0.05))
     now = truth(*motion, nearer)
     rough = now + np.random.RandomState(1).normal(0, 0.3, now.shape).astype(np.float32)
-    moved = move_planes(before, eyes(*motion)[0], rough, np.ones(now.shape, bool))
+    moved = move_planes(before, sides(*motion)[0], rough, np.ones(now.shape, bool))
     assert moved is not None
     v, u = np.indices(now.shape, np.float32)
     found = moved[0] * u + moved[1] * v + moved[2]
@@ -83,7 +83,7 @@ def test_each_plane_goes_where_its_pixel_goes() -> None:
     marked[:2] = 0.001 * u, 0.002 * v  # slopes that say which pixel they belong to
     marked[2] -= marked[0] * u + marked[1] * v
     now = truth(9, -4)
-    moved = move_planes(FrameBefore(eyes(0, 0)[0], marked), eyes(9, -4)[0], now, np.ones(now.shape, bool))
+    moved = move_planes(FrameBefore(sides(0, 0)[0], marked), sides(9, -4)[0], now, np.ones(now.shape, bool))
     assert moved is not None
     inner = np.s_[20:-20, 20:-20]
     assert np.median(np.abs(moved[0] - 0.001 * (u + 9))[inner]) < 0.001
@@ -91,9 +91,9 @@ def test_each_plane_goes_where_its_pixel_goes() -> None:
 
 
 def test_nothing_is_taken_from_a_frame_of_something_else() -> None:
-    before = FrameBefore(eyes(0, 0, seed=5)[0], planes_of(truth(0, 0)))
+    before = FrameBefore(sides(0, 0, seed=5)[0], planes_of(truth(0, 0)))
     assert move_planes(before, np.full((HEIGHT, WIDTH), 80, np.uint8), truth(0, 0), np.ones((96, 140), bool)) is None
-    left, right = eyes(0, 0)
+    left, right = sides(0, 0)
     flat = FrameBefore(np.full_like(left, 80), planes_of(truth(0, 0)))
     alone, after = (graph_cut(left, right, 0, 24, before=b) for b in (None, flat))
     assert same(alone.disparity, after.disparity)
@@ -110,9 +110,9 @@ def same(one: NDArray[np.float32], other: NDArray[np.float32]) -> bool:
 
 @pytest.mark.parametrize("effort", ["balanced", "quality"])
 def test_a_frame_that_follows_is_as_accurate_for_fewer_planes(effort: str) -> None:
-    left, right = eyes(0, 0)
+    left, right = sides(0, 0)
     first = graph_cut(left, right, 0, 24, effort=effort)
-    moved_left, moved_right = eyes(12, 5, 0.5)
+    moved_left, moved_right = sides(12, 5, 0.5)
     second = graph_cut(moved_left, moved_right, 0, 24, effort=effort, before=first.frame)
     error = np.abs(second.disparity - truth(12, 5, 0.5))
     assert np.nanmedian(error) < 0.06
@@ -123,7 +123,7 @@ def test_a_frame_that_follows_is_as_accurate_for_fewer_planes(effort: str) -> No
 
 
 def test_wrong_planes_do_no_harm() -> None:
-    left, right = eyes(0, 0)
+    left, right = sides(0, 0)
     wrong = FrameBefore(left, planes_of(24 - truth(0, 0)))
     error = np.abs(graph_cut(left, right, 0, 24, before=wrong).disparity - truth(0, 0))
     assert np.nanmedian(error) < 0.06

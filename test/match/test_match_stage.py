@@ -19,9 +19,9 @@ def make_pair(axis: str = "horizontal", color: bool = True) -> RectifiedPair:
     left, right, _ = two_planes()
     if axis == "vertical":
         left, right = np.swapaxes(left, 0, 1), np.swapaxes(right, 0, 1)
-    eyes = (left, right) if color else (left[:, :, 1], right[:, :, 1])
+    sides = (left, right) if color else (left[:, :, 1], right[:, :, 1])
     geometry = dataclasses.replace(GEOMETRY, axis=axis)
-    return RectifiedPair(left, right, *eyes, geometry, RectificationQuality("given"), stamp_ns=7, frame_id="eye")
+    return RectifiedPair(left, right, *sides, geometry, RectificationQuality("given"), stamp_ns=7, frame_id="camera")
 
 
 def test_map_is_consistent_and_carries_the_head() -> None:
@@ -32,7 +32,7 @@ def test_map_is_consistent_and_carries_the_head() -> None:
     assert np.array_equal(valid, result.status == Status.VALID)
     assert np.array_equal(valid, np.isfinite(result.sigma))
     assert np.allclose(result.sigma[valid], WHOLE_PIXEL_SIGMA)
-    assert (result.stamp_ns, result.frame_id, result.method) == (7, "eye", "kz2")
+    assert (result.stamp_ns, result.frame_id, result.method) == (7, "camera", "kz2")
     assert (result.min_disparity, result.max_disparity) == (0, 12)
     assert result.energy == int(result.energy) < 0
 

@@ -20,18 +20,18 @@ LEFT, RIGHT = Window(24, 10, 110, 60), Window(12, 16, 100, 64)
 
 def extend_borders(axis: str, left: Window | None = LEFT, right: Window | None = RIGHT) -> RectifiedPair:
     """A wall at 5 px, black outside the valid windows."""
-    eyes = []
+    sides = []
     for image, window in zip(pair_of(np.full((90, 150), 5.0)), (left, right), strict=True):
         shown = np.zeros_like(image)
         slices = window.slices if window else np.s_[:, :]
         shown[slices] = image[slices]
-        eyes.append(shown)
+        sides.append(shown)
     if axis == "vertical":
-        eyes = [np.ascontiguousarray(np.swapaxes(eye, 0, 1)) for eye in eyes]
+        sides = [np.ascontiguousarray(np.swapaxes(side, 0, 1)) for side in sides]
         left, right = (w and Window(w.v, w.u, w.height, w.width) for w in (left, right))
     geometry = dataclasses.replace(GEOMETRY, axis=axis)
     return RectifiedPair(
-        *eyes, *eyes, geometry, RectificationQuality("given"), valid_left=left, valid_right=right
+        *sides, *sides, geometry, RectificationQuality("given"), valid_left=left, valid_right=right
     )  # fmt: skip
 
 

@@ -16,7 +16,7 @@ TRUTH = 12 + 0.02 * U - 0.015 * V + 2 * np.sin(U / 25) * np.cos(V / 31)
 
 
 def views(noise: float, contrast: float = 30.0, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """A curved wall of disparity `TRUTH`, seen by both eyes, each with noise of its own."""
+    """A curved wall of disparity `TRUTH`, seen by both cameras, each with noise of its own."""
     rng = np.random.default_rng(seed)
     wide = cv2.GaussianBlur(rng.normal(size=(H, 8 * (W + 60))).astype(np.float32), (0, 0), 9.6, sigmaY=1.2)
     wide *= contrast / wide.std()
@@ -56,7 +56,7 @@ def test_more_noise_and_less_contrast_are_less_sure() -> None:
     assert 2.0 < vague / sure < 5.0
 
 
-def test_gain_and_offset_common_to_both_eyes_change_nothing() -> None:
+def test_gain_and_offset_common_to_both_cameras_change_nothing() -> None:
     left, right = views(2.0, contrast=20.0)
     darker = [np.clip(np.rint(image * 0.5 + 20), 0, 255).astype(np.uint8) for image in (left, right)]
     one, other = np.median(sigma_at(left, right, TRUTH)), np.median(sigma_at(*darker, TRUTH))

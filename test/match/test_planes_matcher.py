@@ -41,7 +41,7 @@ def plane(height: int, width: int, along: float, down: float, at: float) -> NDAr
 
 
 def step_pair() -> tuple[Image, Image, NDArray[np.float32]]:
-    """A square at 9 px before a wall at 3 px; its truth in the left view, NaN where the right eye sees nothing."""
+    """A square at 9 px before a wall at 3 px; its truth in the left view, NaN where the right camera sees nothing."""
     wall, square = texture(70, 160, 1), texture(70, 160, 2)
     left, right = wall[:, 30:130].copy(), wall[:, 33:133].copy()
     left[20:50, 40:70], right[20:50, 31:61] = square[20:50, :30], square[20:50, :30]
@@ -180,8 +180,8 @@ def test_weak_texture_is_carried_by_its_surroundings() -> None:
 @pytest.mark.parametrize("color", [False, True])
 def test_odd_shapes(effort: str, shape: tuple[int, int], color: bool) -> None:
     image = to_bytes(texture(*shape))
-    eye = image if color else image[..., 0]
-    result = graph_cut(eye, eye, 0, 8, effort=effort)
+    side = image if color else image[..., 0]
+    result = graph_cut(side, side, 0, 8, effort=effort)
     assert result.disparity.shape == result.sigma.shape == result.status.shape == shape
 
 

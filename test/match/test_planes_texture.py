@@ -26,7 +26,7 @@ def noisy(image: NDArray[np.floating] | Image, sigma: float, seed: int) -> Image
 
 
 def blank_patch(sigma: float, color: bool = False) -> tuple[Image, Image]:
-    """A textured wall at 6 px with a patch without any texture, noise of its own in either eye."""
+    """A textured wall at 6 px with a patch without any texture, noise of its own in either camera."""
     left, right = (image.astype(np.float32) for image in pair_of(np.full((120, 180), float(SHIFT))))
     left[PATCH] = 110
     right[PATCH[0], PATCH[1].start - SHIFT : PATCH[1].stop - SHIFT] = 110
@@ -74,8 +74,8 @@ def test_saturated_lamp_claims_nothing() -> None:
 def test_noise_alone_is_hardly_ever_taken_for_texture(shape: tuple[int, int]) -> None:
     shares = []
     for seed in range(20):
-        eyes = [noisy(np.full(shape, 120.0), 4.0, 2 * seed + eye)[..., None] for eye in (0, 1)]
-        shares.append(untextured_mask(*eyes).mean())
+        sides = [noisy(np.full(shape, 120.0), 4.0, 2 * seed + side)[..., None] for side in (0, 1)]
+        shares.append(untextured_mask(*sides).mean())
     assert np.mean(shares) > 0.9
 
 
@@ -87,7 +87,7 @@ def test_stripes_along_the_rows_tell_no_disparity() -> None:
     assert untextured_mask(*upright).mean() < 0.02
 
 
-def test_the_noisier_eye_decides() -> None:
+def test_the_noisier_camera_decides() -> None:
     faint = 100 + (texture(120, 160, 2) - 128) / 15
     left = noisy(faint, 0.5, 1)
     assert untextured_mask(left, noisy(faint, 0.5, 2)).mean() < 0.05

@@ -42,36 +42,36 @@ def camera_infos(stamp: int) -> tuple[CameraInfo, CameraInfo]:
 
 
 def good_images(stamp: int) -> dict[str, Any]:
-    return {f"{eye}/image_raw": color(image, stamp) for eye, image in (("left", LEFT), ("right", RIGHT))}
+    return {f"{side}/image_raw": color(image, stamp) for side, image in (("left", LEFT), ("right", RIGHT))}
 
 
 def good_compressed(stamp: int) -> dict[str, Any]:
     found = {}
-    for eye, image in (("left", LEFT), ("right", RIGHT)):
+    for side, image in (("left", LEFT), ("right", RIGHT)):
         message = CompressedImage(header=messages.header(stamp, FRAME), format="png")
         message.data.frombytes(cv2.imencode(".png", image[..., ::-1])[1].tobytes())
-        found[f"{eye}/image_raw/compressed"] = message
+        found[f"{side}/image_raw/compressed"] = message
     return found
 
 
 def good_camera_infos(stamp: int, prefix: str = "") -> dict[str, Any]:
     return {
-        f"{prefix}{eye}/camera_info": info for eye, info in zip(("left", "right"), camera_infos(stamp), strict=True)
+        f"{prefix}{side}/camera_info": info for side, info in zip(("left", "right"), camera_infos(stamp), strict=True)
     }
 
 
 def good_enhanced(stamp: int) -> dict[str, Any]:
-    eyes = (("left", LEFT), ("right", RIGHT))
-    enhanced = {f"{eye}/image_enhanced": color(image, stamp) for eye, image in eyes}
-    matching = {f"{eye}/image_matching": mono(to_gray(image), stamp) for eye, image in eyes}
+    sides = (("left", LEFT), ("right", RIGHT))
+    enhanced = {f"{side}/image_enhanced": color(image, stamp) for side, image in sides}
+    matching = {f"{side}/image_matching": mono(to_gray(image), stamp) for side, image in sides}
     return {**good_camera_infos(stamp), **enhanced, **matching}
 
 
 def good_rectified(stamp: int) -> dict[str, Any]:
-    eyes = (("left", LEFT), ("right", RIGHT))
+    sides = (("left", LEFT), ("right", RIGHT))
     return {
         **good_camera_infos(stamp, "rectified/"),
-        **{f"rectified/{eye}/image_rect": mono(to_gray(image), stamp) for eye, image in eyes},
+        **{f"rectified/{side}/image_rect": mono(to_gray(image), stamp) for side, image in sides},
     }
 
 
@@ -217,14 +217,14 @@ def on(flaws: st.SearchStrategy[bad.Flaw], *topics: str) -> st.SearchStrategy[ba
     return st.builds(lambda flaw, topic: flaw.on(topic), flaws, st.sampled_from(topics))
 
 
-EYES = ("left", "right")
-RAW = on(bad.bad_partners, *(f"{eye}/image_raw" for eye in EYES))
-COMPRESSED = on(bad.bad_compressed, *(f"{eye}/image_raw/compressed" for eye in EYES))
-INFOS = on(bad.bad_infos, *(f"{eye}/camera_info" for eye in EYES))
-ENHANCED = on(bad.bad_partners, *(f"{eye}/image_{kind}" for eye in EYES for kind in ("enhanced", "matching")))
-RECTIFIED = on(bad.bad_partners, *(f"rectified/{eye}/image_rect" for eye in EYES))
+SIDES = ("left", "right")
+RAW = on(bad.bad_partners, *(f"{side}/image_raw" for side in SIDES))
+COMPRESSED = on(bad.bad_compressed, *(f"{side}/image_raw/compressed" for side in SIDES))
+INFOS = on(bad.bad_infos, *(f"{side}/camera_info" for side in SIDES))
+ENHANCED = on(bad.bad_partners, *(f"{side}/image_{kind}" for side in SIDES for kind in ("enhanced", "matching")))
+RECTIFIED = on(bad.bad_partners, *(f"rectified/{side}/image_rect" for side in SIDES))
 RECTIFIED_INFOS = st.one_of(
-    on(bad.bad_rectified_infos, *(f"rectified/{eye}/camera_info" for eye in EYES)),
+    on(bad.bad_rectified_infos, *(f"rectified/{side}/camera_info" for side in SIDES)),
     on(bad.bad_left_rotation, "rectified/left/camera_info"),
 )
 COMPANIONS = st.one_of(
@@ -287,7 +287,7 @@ def test_bytes_that_are_no_message_harm_nobody(bench: Bench, share: float) -> No
 
 
 def test_a_burst_costs_what_cannot_be_kept_and_no_more(bench: Bench) -> None:
-    """A thousand images of one eye at once, then a good pair."""
+    """A thousand images of one camera at once, then a good pair."""
     subject = Subject(bench, preprocess_node, preprocess_node.PreprocessNode, good_images)
     taken = subject.callbacks()["left/image_raw"]
     for _ in range(1000):

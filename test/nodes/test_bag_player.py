@@ -41,9 +41,9 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("player") / "bag"
     with BagWriter(path) as writer:
         for frame in range(FRAMES):
-            for eye in ("left", "right"):
+            for side in ("left", "right"):
                 stamp = START + frame * PERIOD
-                writer.image(f"/{eye}/image_raw", IMAGE + np.uint8(frame), time_ns=stamp, frame_id=eye)
+                writer.image(f"/{side}/image_raw", IMAGE + np.uint8(frame), time_ns=stamp, frame_id=side)
     return path
 
 

@@ -93,14 +93,14 @@ class Heard:
 
     def _send(self, frame: Any, calibrated: bool) -> None:
         rig, talk = self.dive.calibration, self.bench.talk
-        images = {eye: talk(Image, f"{eye}/image_raw") for eye in ("left", "right")}
-        infos = {eye: talk(CameraInfo, f"{eye}/camera_info") for eye in ("left", "right")} if calibrated else {}
+        images = {side: talk(Image, f"{side}/image_raw") for side in ("left", "right")}
+        infos = {side: talk(CameraInfo, f"{side}/camera_info") for side in ("left", "right")} if calibrated else {}
         self.bench.connected(*images.values(), *infos.values())
-        for eye in images:
-            camera = getattr(rig, eye)
+        for side in images:
+            camera = getattr(rig, side)
             if calibrated:
-                infos[eye].publish(camera_info(camera, self.stamp_ns))
-            images[eye].publish(color(getattr(frame, eye), self.stamp_ns, camera.frame_id))
+                infos[side].publish(camera_info(camera, self.stamp_ns))
+            images[side].publish(color(getattr(frame, side), self.stamp_ns, camera.frame_id))
 
     def __getitem__(self, topic: str) -> Any:
         return self.got[topic, "best effort"][0]

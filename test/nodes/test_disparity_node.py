@@ -31,9 +31,9 @@ class Rectifier:
         kinds = {"image_rect": Image, "camera_info": CameraInfo}
         self.bench = bench
         self.topics = {
-            f"{eye}_{name}": bench.talk(kind, f"rectified/{eye}/{name}")
+            f"{side}_{name}": bench.talk(kind, f"rectified/{side}/{name}")
             for name, kind in kinds.items()
-            for eye in ("left", "right")
+            for side in ("left", "right")
         }
 
     def connect(self) -> None:
@@ -100,8 +100,8 @@ def test_a_vertical_pair(bench: Bench) -> None:
     height, width = LEFT.T.shape
     geometry = StereoGeometry(FOCAL, 79.5, 79.5, 59.5, baseline_m=BASELINE, axis="vertical")
     left, right = infos_from_geometry(geometry, (width, height), messages.header(SECOND, FRAME))
-    images = {f"{eye}_image_rect": mono(np.ascontiguousarray(image.T), SECOND)
-              for eye, image in (("left", LEFT), ("right", RIGHT))}  # fmt: skip
+    images = {f"{side}_image_rect": mono(np.ascontiguousarray(image.T), SECOND)
+              for side, image in (("left", LEFT), ("right", RIGHT))}  # fmt: skip
     rectifier.send(SECOND, left_camera_info=left, right_camera_info=right, **images)
     bench.spin_until(lambda: heard)
     np.testing.assert_array_equal(messages.float_image_from_message(heard[0].image).T, offline().disparity)

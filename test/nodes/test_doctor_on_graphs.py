@@ -60,10 +60,10 @@ class Rig:
         policy = ReliabilityPolicy.RELIABLE if self.reliable else ReliabilityPolicy.BEST_EFFORT
         qos = QoSProfile(depth=10, reliability=policy)
         make = self.node.create_publisher
-        self._images = [make(Image, f"{self.namespace}{eye}/image_raw", qos) for eye in ("left", "right")]
+        self._images = [make(Image, f"{self.namespace}{side}/image_raw", qos) for side in ("left", "right")]
         self._infos = [
-            make(CameraInfo, f"{self.namespace}{eye}/camera_info", qos) if self.calibrated else None
-            for eye in ("left", "right")
+            make(CameraInfo, f"{self.namespace}{side}/camera_info", qos) if self.calibrated else None
+            for side in ("left", "right")
         ]
         self._views = banded_pair()[:: -1 if self.exchanged else 1]
         self.node.create_timer(PERIOD_S, self._publish)
@@ -161,7 +161,9 @@ def test_remaps_of_the_nodes_are_found(bench: Bench, rig: Rig, examine: Any) -> 
     rig.namespace = "/stereo/"
     rig.start()
     remap = {
-        f"{eye}/{kind}": f"/stereo/{eye}/{kind}" for eye in ("left", "right") for kind in ("image_raw", "camera_info")
+        f"{side}/{kind}": f"/stereo/{side}/{kind}"
+        for side in ("left", "right")
+        for kind in ("image_raw", "camera_info")
     }
     bench.start(PipelineNode, remap=remap, **FAST)
     diagnosis = examine()
@@ -173,8 +175,8 @@ def test_another_type(bench: Bench, examine: Any) -> None:
     context = Context()  # Fast DDS refuses two types on one topic within a participant
     rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
     driver = Node("driver", context=context)
-    for eye in ("left", "right"):
-        driver.create_publisher(CompressedImage, f"{eye}/image_raw", 1)
+    for side in ("left", "right"):
+        driver.create_publisher(CompressedImage, f"{side}/image_raw", 1)
     try:
         bench.start(PreprocessNode)
         line = cause(examine("expects"))
@@ -187,7 +189,7 @@ def test_another_type(bench: Bench, examine: Any) -> None:
 def test_best_effort_against_an_override_that_demands_reliable(bench: Bench, rig: Rig, examine: Any) -> None:
     rig.reliable = False
     rig.start()
-    override = {f"qos_overrides./{eye}/image_raw.subscription.reliability": "reliable" for eye in ("left", "right")}
+    override = {f"qos_overrides./{side}/image_raw.subscription.reliability": "reliable" for side in ("left", "right")}
     bench.start(PipelineNode, **FAST, **override)
     line = cause(examine("best effort"))
     assert "/outsider offers best effort only, /pipeline_node demands reliable" in line
@@ -201,11 +203,11 @@ from sensor_msgs.msg import Image
 rclpy.init()
 driver = rclpy.create_node("driver")
 image = Image(height=600, width=800, encoding="bgr8", step=2400, data=array.array("B", bytes(1440000)))
-eyes = [driver.create_publisher(Image, f"{eye}/image_raw", qos_profile_sensor_data) for eye in ("left", "right")]
+cameras = [driver.create_publisher(Image, f"{side}/image_raw", qos_profile_sensor_data) for side in ("left", "right")]
 def publish():
     image.header.stamp = driver.get_clock().now().to_msg()
-    for eye in eyes:
-        eye.publish(image)
+    for camera in cameras:
+        camera.publish(image)
 driver.create_timer(0.1, publish)
 try:
     rclpy.spin(driver)
@@ -225,8 +227,8 @@ def test_large_images_that_best_effort_loses(bench: Bench, examine: Any) -> None
     finally:
         driver.send_signal(signal.SIGINT)
         driver.wait(30)
-    for eye in ("left", "right"):
-        (finding,) = [f for f in diagnosis.findings if f"/{eye}/image_raw" in f.text and "best effort" in f.text]
+    for side in ("left", "right"):
+        (finding,) = [f for f in diagnosis.findings if f"/{side}/image_raw" in f.text and "best effort" in f.text]
         assert "lost" in finding.text
         assert "publish reliable" in finding.advice
 
@@ -249,8 +251,8 @@ def test_the_tolerance_is_the_nodes_own(bench: Bench, rig: Rig, examine: Any) ->
 
 
 def test_a_paused_replay(bench: Bench, examine: Any) -> None:
-    for eye in ("left", "right"):
-        bench.talk(Image, f"{eye}/image_raw")
+    for side in ("left", "right"):
+        bench.talk(Image, f"{side}/image_raw")
     clock = bench.outsider.create_publisher(Clock, "/clock", 1)
     bench.outsider.create_timer(0.05, lambda: clock.publish(Clock(clock=Time(sec=7))))
     bench.start(PreprocessNode)
@@ -268,13 +270,13 @@ def test_a_calibration_of_noughts(bench: Bench, rig: Rig, examine: Any) -> None:
     assert "/points_unscaled comes instead" in as_table(diagnosis)
 
 
-def test_exchanged_eyes(bench: Bench, rig: Rig, examine: Any) -> None:
+def test_exchanged_cameras(bench: Bench, rig: Rig, examine: Any) -> None:
     rig.exchanged = True
     rig.start()
     bench.start(PreprocessNode)
     bench.start(RectifyNode)
     line = cause(examine("refuses"))
-    assert "/rectify_node refuses every frame: exchanged eyes" in line
+    assert "/rectify_node refuses every frame: swapped cameras" in line
     assert "exchange the topics" in line
 
 

@@ -41,17 +41,17 @@ class Cameras:
 
     def __init__(self, bench: Bench) -> None:
         self._bench = bench
-        self.eyes = [bench.talk(Image, f"{eye}/image_raw") for eye in ("left", "right")]
+        self.sides = [bench.talk(Image, f"{side}/image_raw") for side in ("left", "right")]
 
     def connect(self) -> None:
-        self._bench.connected(*self.eyes)
+        self._bench.connected(*self.sides)
 
     def disconnected(self) -> bool:
-        return not any(eye.get_subscription_count() for eye in self.eyes)
+        return not any(side.get_subscription_count() for side in self.sides)
 
     def send(self, stamp_ns: int) -> None:
-        for eye, image in zip(self.eyes, (LEFT, RIGHT), strict=True):
-            eye.publish(color(image, stamp_ns))
+        for side, image in zip(self.sides, (LEFT, RIGHT), strict=True):
+            side.publish(color(image, stamp_ns))
 
 
 @dataclass(frozen=True)

@@ -32,19 +32,19 @@ class Rig:
 
     def __init__(self, bench: Bench, *, calibrated: bool = True) -> None:
         self.calibrated = calibrated
-        self.images = {eye: bench.talk(Image, f"{eye}/image_raw") for eye in ("left", "right")}
+        self.images = {side: bench.talk(Image, f"{side}/image_raw") for side in ("left", "right")}
         self.infos = (
-            {eye: bench.talk(CameraInfo, f"{eye}/camera_info") for eye in ("left", "right")} if calibrated else {}
+            {side: bench.talk(CameraInfo, f"{side}/camera_info") for side in ("left", "right")} if calibrated else {}
         )
 
     def connect(self, bench: Bench) -> None:
         bench.connected(*self.images.values(), *self.infos.values())
 
     def send(self, stamp_ns: int) -> None:
-        for eye, image, info in zip(("left", "right"), (LEFT, RIGHT), infos(stamp_ns), strict=True):
-            self.images[eye].publish(color(image, stamp_ns))
+        for side, image, info in zip(("left", "right"), (LEFT, RIGHT), infos(stamp_ns), strict=True):
+            self.images[side].publish(color(image, stamp_ns))
             if self.calibrated:
-                self.infos[eye].publish(info)
+                self.infos[side].publish(info)
 
 
 def listen_to_all(bench: Bench) -> dict[str, list[Any]]:

@@ -273,8 +273,8 @@ def disparity_of(image: Image) -> DisparityImage:
     return DisparityImage(header=image.header, image=image)
 
 
-def zero_p(eye: int) -> CameraInfo:
-    info = infos(SECOND)[eye]
+def zero_p(side: int) -> CameraInfo:
+    info = infos(SECOND)[side]
     info.p.fill(0.0)
     return info
 

@@ -40,7 +40,7 @@ def report(heard: list[DiagnosticArray]) -> dict[str, str]:
 
 def test_the_node_publishes_what_the_stage_makes(bench: Bench) -> None:
     node = bench.start(PreprocessNode)
-    topics = [f"{eye}/image_{kind}" for eye in ("left", "right") for kind in ("enhanced", "matching")]
+    topics = [f"{view}/image_{kind}" for view in ("left", "right") for kind in ("enhanced", "matching")]
     heard = {topic: bench.listen(Image, topic) for topic in topics}
     cameras = Cameras(bench)
     bench.connected(cameras.left, cameras.right)
@@ -129,7 +129,7 @@ def test_raw_images_are_preferred_and_a_parameter_says_otherwise(bench: Bench) -
     node = bench.start(PreprocessNode)
     bench.listen(Image, "left/image_enhanced")
     cameras = Cameras(bench)
-    others = [bench.talk(CompressedImage, f"{eye}/image_raw/compressed") for eye in ("left", "right")]
+    others = [bench.talk(CompressedImage, f"{view}/image_raw/compressed") for view in ("left", "right")]
     bench.connected(cameras.left, cameras.right)
     bench.spin_for(0.6)
     assert [p.get_subscription_count() for p in others] == [0, 0]
@@ -149,7 +149,7 @@ def test_best_effort_cameras_are_heard_after_a_warning(bench: Bench, capfd: pyte
 
 
 def test_a_reliability_demanded_by_parameter_is_kept(bench: Bench, capfd: pytest.CaptureFixture[str]) -> None:
-    overrides = {f"qos_overrides./{eye}/image_raw.subscription.reliability": "reliable" for eye in ("left", "right")}
+    overrides = {f"qos_overrides./{view}/image_raw.subscription.reliability": "reliable" for view in ("left", "right")}
     bench.start(PreprocessNode, **overrides)
     bench.listen(Image, "left/image_enhanced")
     cameras = Cameras(bench, reliable=False)

@@ -36,8 +36,12 @@ from uw_recon_ros.types import EnhancedPair, RectifiedPair
 SECOND = 1_000_000_000
 LEFT, RIGHT = banded_pair()
 OUTPUTS = {
-    **{f"rectified/{eye}/{kind}": Image for eye in ("left", "right") for kind in ("image_rect", "image_rect_color")},
-    **{f"rectified/{eye}/camera_info": CameraInfo for eye in ("left", "right")},
+    **{
+        f"rectified/{camera}/{kind}": Image
+        for camera in ("left", "right")
+        for kind in ("image_rect", "image_rect_color")
+    },
+    **{f"rectified/{camera}/camera_info": CameraInfo for camera in ("left", "right")},
 }
 
 
@@ -50,7 +54,7 @@ class Upstream:
             [("image_enhanced", Image)] + [("image_matching", Image)] * matching + [("camera_info", CameraInfo)] * infos
         )
         self.topics = {
-            f"{eye}/{kind}": bench.talk(t, f"{eye}/{kind}") for kind, t in kinds for eye in ("left", "right")
+            f"{camera}/{kind}": bench.talk(t, f"{camera}/{kind}") for kind, t in kinds for camera in ("left", "right")
         }
 
     def connect(self) -> None:
@@ -99,7 +103,7 @@ def test_a_calibrated_pair(bench: Bench) -> None:
     for messages_of_topic in heard.values():
         assert messages.stamp_ns(messages_of_topic[0]) == 5 * SECOND
         assert messages_of_topic[0].header.frame_id == FRAME
-    left, right = (heard[f"rectified/{eye}/camera_info"][0] for eye in ("left", "right"))
+    left, right = (heard[f"rectified/{camera}/camera_info"][0] for camera in ("left", "right"))
     assert right.p[3] == pytest.approx(-BASELINE * right.p[0])
     assert (left.width, left.height) == (expected.left.shape[1], expected.left.shape[0])
     geometry = geometry_from_infos(left, right)
@@ -194,7 +198,7 @@ def test_calibrations_can_be_ignored(bench: Bench) -> None:
     bench.start(RectifyNode, calibration_use="ignore")
     heard = bench.listen(CameraInfo, "rectified/right/camera_info")
     upstream = Upstream(bench)
-    images = [upstream.topics[f"{eye}/image_enhanced"] for eye in ("left", "right")]
+    images = [upstream.topics[f"{camera}/image_enhanced"] for camera in ("left", "right")]
     bench.connected(*images)
     assert upstream.topics["left/camera_info"].get_subscription_count() == 0
     upstream.images(SECOND)
@@ -249,7 +253,7 @@ def test_a_bad_calibration_costs_its_frames_and_a_line(
     assert words in line
 
 
-def test_exchanged_eyes_are_noticed(bench: Bench) -> None:
+def test_exchanged_cameras_are_noticed(bench: Bench) -> None:
     node = bench.start(RectifyNode)
     bench.listen(Image, "rectified/left/image_rect")
     upstream = Upstream(bench)

@@ -111,15 +111,15 @@ def _diagnostics(bench: Bench) -> dict[str, str]:
     bench.start(PipelineNode, min_disparity=0, max_disparity=24, effort="navigation")
     heard = bench.listen(DiagnosticArray, "/diagnostics")
     bench.listen(PointCloud2, "points2")
-    eyes = [bench.talk(Image, f"{eye}/image_raw") for eye in ("left", "right")]
-    numbers = [bench.talk(CameraInfo, f"{eye}/camera_info") for eye in ("left", "right")]
+    sides = [bench.talk(Image, f"{side}/image_raw") for side in ("left", "right")]
+    numbers = [bench.talk(CameraInfo, f"{side}/camera_info") for side in ("left", "right")]
     views = banded_pair()
 
     def publish() -> None:
         stamp = time.time_ns()
-        for eye, number, view, info in zip(eyes, numbers, views, infos(0), strict=True):
+        for side, number, view, info in zip(sides, numbers, views, infos(0), strict=True):
             number.publish(stamped(info, stamp))
-            eye.publish(color(view, stamp))
+            side.publish(color(view, stamp))
 
     timer = bench.outsider.create_timer(0.2, publish)
     said: dict[str, str] = {}

@@ -74,22 +74,22 @@ def test_black_pixels_stay_finite_when_brightened() -> None:
 
 @settings(max_examples=25)
 @given(st.integers(0, 1000), st.floats(0.15, 1.0), st.floats(0.15, 1.0))
-def test_means_of_both_eyes_together_become_equal(seed: int, red: float, blue: float) -> None:
+def test_means_of_both_cameras_together_become_equal(seed: int, red: float, blue: float) -> None:
     rng = np.random.default_rng(seed)
-    eyes = [np.clip(rng.random((40, 60, 3)) * level, 0, None) * [red, 1.0, blue] for level in (0.6, 1.3)]
-    gains = equalizing_gains(eyes)
-    balanced = np.stack([apply_gains(eye, gains) for eye in eyes])
+    views = [np.clip(rng.random((40, 60, 3)) * level, 0, None) * [red, 1.0, blue] for level in (0.6, 1.3)]
+    gains = equalizing_gains(views)
+    balanced = np.stack([apply_gains(view, gains) for view in views])
     means = balanced.mean(axis=(0, 1, 2))
     assert np.ptp(means) < 2e-3
-    assert means.mean() == pytest.approx(np.clip(eyes, 0, 1).mean(), abs=2e-3)
+    assert means.mean() == pytest.approx(np.clip(views, 0, 1).mean(), abs=2e-3)
     assert balanced.max() <= 1.0
 
 
-def test_both_eyes_get_the_same_gain() -> None:
+def test_both_cameras_get_the_same_gain() -> None:
     left = colored_leaves(60, 80, 0)
     right = colored_leaves(60, 80, 5) * np.float32(0.5)
     gains = equalizing_gains([left, right])
-    means = [apply_gains(eye, gains).mean() for eye in (left, right)]
+    means = [apply_gains(view, gains).mean() for view in (left, right)]
     assert means[1] / means[0] == pytest.approx(right.mean() / left.mean(), rel=0.1)
 
 

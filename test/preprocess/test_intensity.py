@@ -6,7 +6,7 @@ import pytest
 from uw_recon_ros.preprocess.intensity import intensity_bounds, joint_percentiles, stretch
 
 
-def test_bounds_are_percentiles_of_both_eyes_together() -> None:
+def test_bounds_are_percentiles_of_both_cameras_together() -> None:
     rng = np.random.default_rng(0)
     left, right = rng.random((50, 60)), 2 + rng.random((50, 60))
     expected = np.percentile(np.concatenate([left.ravel(), right.ravel()]), [2, 98])
@@ -27,11 +27,11 @@ def test_stretch_uses_the_whole_range_and_saturates_what_was_asked() -> None:
     assert np.mean(stretched == 1) == pytest.approx(0.01, abs=1e-3)
 
 
-def test_equal_pixels_of_both_eyes_stay_equal() -> None:
+def test_equal_pixels_of_both_cameras_stay_equal() -> None:
     rng = np.random.default_rng(0)
     left = rng.random((40, 40))
     right = np.roll(left, -5, axis=1)
-    right[:, -5:] = 4.0  # seen by the right eye alone
+    right[:, -5:] = 4.0  # seen by the right camera alone
     bounds = intensity_bounds([left, right], 1.0)
     np.testing.assert_array_equal(stretch(left, bounds)[:, 5:], stretch(right, bounds)[:, :-5])
 

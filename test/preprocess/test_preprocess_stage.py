@@ -44,15 +44,15 @@ def test_what_comes_out(profile: str, color: bool, peak: int) -> None:
     assert out.left.std() > 30
 
 
-def test_means_of_the_colors_are_equal_over_both_eyes() -> None:
+def test_means_of_the_colors_are_equal_over_both_cameras() -> None:
     pair = scene()
     assert np.ptp(pair.left.mean(axis=(0, 1))) > 50
     out = Preprocess()(pair)
     assert np.ptp(np.stack([out.left, out.right]).mean(axis=(0, 1, 2))) < 1.0
 
 
-def test_both_eyes_are_treated_alike() -> None:
-    """A part that both eyes see comes out the same, though the right one also sees something glaring."""
+def test_both_cameras_are_treated_alike() -> None:
+    """A part that both cameras see comes out the same, though the right one also sees something glaring."""
     pair = scene(128, 256, shift=32)
     right = pair.right.copy()
     right[:, -32:] = 255
@@ -63,7 +63,7 @@ def test_both_eyes_are_treated_alike() -> None:
     np.testing.assert_array_equal(out.left_matching[:, 32:], out.right_matching[:, :-32])
 
 
-def test_whole_chain_agrees_between_the_eyes() -> None:
+def test_whole_chain_agrees_between_the_cameras() -> None:
     pair = scene(128, 256, shift=32)
     for profile in ("paper", "matching"):
         out = Preprocess(PreprocessParams(profile=profile))(pair)
@@ -74,7 +74,7 @@ def test_whole_chain_agrees_between_the_eyes() -> None:
         assert np.corrcoef(left.ravel(), right.ravel())[0, 1] > 0.97
 
 
-def test_exchanged_eyes_come_out_exchanged() -> None:
+def test_exchanged_cameras_come_out_exchanged() -> None:
     pair = scene()
     out = images(Preprocess()(pair))
     back = images(Preprocess()(replace(pair, left=pair.right, right=pair.left)))
@@ -229,6 +229,6 @@ def verified_matches(left: Image, right: Image) -> int:
 def test_texture_of_real_water_is_recovered() -> None:
     need_data()
     for path in (p for p in real_images() if "underwater" in str(p)):
-        pair = StereoPair(*(cv2.imread(str(path.with_stem(eye)))[..., ::-1] for eye in ("left", "right")))
+        pair = StereoPair(*(cv2.imread(str(path.with_stem(view)))[..., ::-1] for view in ("left", "right")))
         out = Preprocess()(pair)
         assert verified_matches(out.left, out.right) > 2 * verified_matches(pair.left, pair.right), path

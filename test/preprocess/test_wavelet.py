@@ -34,7 +34,7 @@ def test_noise_is_estimated(sigma: float) -> None:
     assert noise_sigma([decompose(noise, 1)]) == pytest.approx(sigma, rel=0.02)
 
 
-def test_both_eyes_have_one_estimate() -> None:
+def test_both_cameras_have_one_estimate() -> None:
     rng = np.random.default_rng(0)
     quiet, loud = (decompose(rng.normal(0, sigma, (256, 256)), 1) for sigma in (0.01, 0.03))
     assert noise_sigma([quiet]) < noise_sigma([quiet, loud]) < noise_sigma([loud])

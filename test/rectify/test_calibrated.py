@@ -157,17 +157,19 @@ def test_exchanged_images_are_refused(name):
     rig = RIGS[name]
     points = tie_points(rig)
     swapped = TiePoints(points.right, points.left, points.width, points.height)
-    with pytest.raises(EstimationError, match=r"exchanged eyes: .*got \d+% of \d+ tie points behind the rig"):
+    with pytest.raises(
+        EstimationError, match=r"left and right images are swapped: .*got \d+% of \d+ tie points behind the rig"
+    ):
         rectification_from_calibration(calibration_of(rig), PARAMS, swapped)
 
 
-def changed(eye, **fields):
+def changed(side, **fields):
     calibration = calibration_of(RIG)
-    return replace(calibration, **{eye: replace(getattr(calibration, eye), **fields)})
+    return replace(calibration, **{side: replace(getattr(calibration, side), **fields)})
 
 
-def p_of(eye="right", **entries):
-    p = getattr(calibration_of(RIG), eye).p.copy()
+def p_of(side="right", **entries):
+    p = getattr(calibration_of(RIG), side).p.copy()
     for place, value in entries.items():
         p[int(place[1]), int(place[2])] = value
     return p

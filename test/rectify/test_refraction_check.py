@@ -33,10 +33,15 @@ def in_water():
     return through_flat_ports(RIG, scatter(RIG, 600, 1.0, 3.0) * [0.7, 0.7, 1.0])
 
 
+def told(found):
+    """Findings; that the rig of these tests has no distortion is told as well, and not meant here."""
+    return [w for w in found.quality.warnings if w.code != Code.CALIBRATION_DISTORTION_LOST]
+
+
 def test_it_is_recognised_with_its_numbers(in_water):
     found = rectification_from_calibration(calibration_of(RIG), RectifyParams(), in_water)
     assert found.quality.row_error_median_px > 1.5
-    warning = found.quality.warnings[0]
+    warning = told(found)[0]
     assert warning.code == Code.RECTIFY_CALIBRATED_IN_AIR
     assert warning.text.startswith("calibrated in air, used in water?")
     assert float(re.search(r"focal length (\d\.\d+) times", warning.text)[1]) == pytest.approx(WATER, abs=0.02)
@@ -45,14 +50,14 @@ def test_it_is_recognised_with_its_numbers(in_water):
 
 def test_the_same_rig_in_air_is_not():
     found = rectification_from_calibration(calibration_of(RIG), RectifyParams(), tie_points(RIG, 600))
-    assert found.quality.warnings == ()
+    assert told(found) == []
 
 
 @pytest.mark.parametrize("angles", [(3.6, -4.0, 2.0), (3.0, -4.0, 3.0), (2.5, -4.0, 2.0)])
 def test_a_rig_that_moved_is_not_taken_for_it(angles):
     moved = make_rig(angles_deg=angles, center=(0.15, 0.005, 0.0))
     found = rectification_from_calibration(calibration_of(RIG), RectifyParams(), tie_points(moved, 600))
-    assert [w.code for w in found.quality.warnings] == [Code.RECTIFY_ROWS_DISAGREE, Code.RECTIFY_SCALE_WITHHELD]
+    assert [w.code for w in told(found)] == [Code.RECTIFY_ROWS_DISAGREE, Code.RECTIFY_SCALE_WITHHELD]
 
 
 def test_few_tie_points_accuse_nobody(in_water):

@@ -114,11 +114,11 @@ def test_a_flat_scene_does_not_lock():
     assert all(f.flat and not f.locked for f in found)
 
 
-def test_exchanged_eyes_raise_every_time(frames):
+def test_exchanged_cameras_raise_every_time(frames):
     tracker = RigTracker(PARAMS)
     swapped = enhanced(frames[0].right, frames[0].left)
     for _ in range(2):
-        with pytest.raises(EstimationError, match="exchanged eyes"):
+        with pytest.raises(EstimationError, match="swapped cameras"):
             tracker.update(swapped)
 
 
@@ -149,17 +149,17 @@ def test_a_calibration_holds_without_texture(dark):
     assert np.isnan(found.quality.row_error_median_px)
 
 
-def test_calibrated_exchanged_eyes_raise_every_time(frames):
+def test_calibrated_exchanged_cameras_raise_every_time(frames):
     tracker = RigTracker(PARAMS)
     swapped = with_calibration(enhanced(frames[0].right, frames[0].left), calibration_of(RIG))
     for _ in range(3):
-        with pytest.raises(EstimationError, match="exchanged eyes"):
+        with pytest.raises(EstimationError, match="swapped cameras"):
             tracker.update(swapped)
 
 
 @pytest.mark.parametrize("calibrated", [True, False])
 @pytest.mark.parametrize("deferred", [True, False])
-def test_eyes_exchanged_midway_are_refused_until_they_are_right_again(frames, calibrated, deferred):
+def test_cameras_exchanged_midway_are_refused_until_they_are_right_again(frames, calibrated, deferred):
     """Once watching has noticed, no frame passes unseen: neither while they are exchanged nor when they are not."""
     tracker = RigTracker(PARAMS)
 
@@ -175,7 +175,7 @@ def test_eyes_exchanged_midway_are_refused_until_they_are_right_again(frames, ca
         try:
             see(enhanced(frame.right, frame.left))
         except EstimationError as error:
-            return "exchanged eyes" in str(error)
+            return "swapped cameras" in str(error)
         return False
 
     for frame in frames:

@@ -43,7 +43,7 @@ def test_many_sub_pixel_and_without_outliers(found):
 
 def test_spread_over_the_image(found):
     cells = {tuple(cell) for cell in (found.left // [80, 80]).astype(int)}
-    assert len(cells) > 0.8 * 8 * 6 - 6  # but for a strip on the left that the right eye does not see
+    assert len(cells) > 0.8 * 8 * 6 - 6  # but for a strip on the left that the right camera does not see
 
 
 def test_deterministic(images, found):
@@ -69,7 +69,7 @@ def test_a_pixel_of_the_reduced_image_is_the_middle_of_those_it_replaced():
 def test_images_without_texture_are_refused_with_the_counts():
     gray = np.full((480, 640, 3), 128, np.uint8)
     with pytest.raises(
-        EstimationError, match=r"at least 25 features an eye, got 0 left and 0 right: .*too little texture"
+        EstimationError, match=r"at least 25 features a camera, got 0 left and 0 right: .*too little texture"
     ):
         find_tie_points(enhanced(gray, gray), PARAMS)
 

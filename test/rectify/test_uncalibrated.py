@@ -192,8 +192,10 @@ def exchanged(points):
 
 
 @pytest.mark.parametrize("rig", [RIG, make_rig(center=(0.15, 0, 0))], ids=["turned", "rectified"])
-def test_exchanged_eyes_are_refused(rig):
-    with pytest.raises(EstimationError, match=r"exchanged eyes: .*got 100% of \d+ tie points negative") as caught:
+def test_exchanged_cameras_are_refused(rig):
+    with pytest.raises(
+        EstimationError, match=r"left and right images are swapped: .*got 100% of \d+ tie points negative"
+    ) as caught:
         estimate(exchanged(tie_points(rig)))
     assert "give the left camera's image as the left one" in str(caught.value)
 

@@ -176,6 +176,6 @@ def test_findings_stand_by_their_codes() -> None:
 
 def test_the_last_drop_has_its_code() -> None:
     diagnostics = Diagnostics()
-    diagnostics.drop("EstimationError", "exchanged eyes", code=Code.RECTIFY_EXCHANGED)
+    diagnostics.drop("EstimationError", "swapped cameras", code=Code.RECTIFY_EXCHANGED)
     diagnostics.drop(SUPERSEDED)
     assert values(diagnostics.tick("/node"))["last drop code"] == "rectify.exchanged"

@@ -20,7 +20,7 @@ CLEAR = dataclasses.replace(SMALL, water="clear", snow_per_m3=0.0, noise=0.0, da
 
 def left_points(dive: Dive, frame: SimulatedFrame) -> Matrix:
     """The scene's points in the left optical frame, one a pixel."""
-    rays = dive._eyes[0].directions
+    rays = dive._cameras[0].directions
     return rays / rays[..., 2:] * frame.depth[..., None]
 
 
@@ -35,7 +35,7 @@ def best_shift(before: float, here: float, after: float) -> float:
 
 
 @pytest.mark.parametrize("axis", ["horizontal", "vertical"])
-def test_what_both_eyes_see_looks_the_same(axis: str) -> None:
+def test_what_both_cameras_see_looks_the_same(axis: str) -> None:
     dive = Dive(dataclasses.replace(CLEAR, axis=axis))
     frame = dive.frame(0)
     points = in_right(dive, left_points(dive, frame))
@@ -65,7 +65,7 @@ def test_status_is_what_the_right_camera_cannot_see() -> None:
     u, v = project(points, dive.calibration.right)
     outside = (u < -0.5) | (u > 199.5) | (v < -0.5) | (v > 149.5)
     assert np.array_equal(outside, frame.status == Status.OUTSIDE)
-    right_ranges = dive._see(dive._eyes[1], 0)[0]
+    right_ranges = dive._see(dive._cameras[1], 0)[0]
     inner = ~outside & (u > 1) & (u < 198) & (v > 1) & (v < 148)
     around = cv2.erode(right_ranges, np.ones((3, 3)))[np.rint(v[inner]).astype(int), np.rint(u[inner]).astype(int)]
     beyond = cv2.dilate(right_ranges, np.ones((3, 3)))[np.rint(v[inner]).astype(int), np.rint(u[inner]).astype(int)]
@@ -80,8 +80,8 @@ def test_plane_depth_is_the_closed_form() -> None:
     dive = Dive(SimulateParams(scene="plane", width=64, height=48, frames=2))
     for index in (0, 1):
         pose = dive.pose(index)
-        down = dive._eyes[0].directions @ pose.rotation[2]  # world z of each ray
-        expected = -pose.position[2] / down * dive._eyes[0].directions[..., 2]
+        down = dive._cameras[0].directions @ pose.rotation[2]  # world z of each ray
+        expected = -pose.position[2] / down * dive._cameras[0].directions[..., 2]
         assert dive.frame(index).depth == pytest.approx(expected, rel=1e-6)
 
 
@@ -165,16 +165,16 @@ def test_a_particle_has_its_own_parallax() -> None:
     pose = dive.pose(0)
     place = np.array([0.06, 0.02, 0.45])  # left optical frame, well before the scene
     dive._snow = Snow((pose.rotation @ place + pose.position)[None], np.array([0.002]))
-    for eye, camera in zip(dive._eyes, (dive.calibration.left, dive.calibration.right), strict=True):
+    for view, camera in zip(dive._cameras, (dive.calibration.left, dive.calibration.right), strict=True):
         light = np.zeros((150, 200, 3), np.float32)
-        dive._snow_into(light, eye, np.full((150, 200), 5.0), 0)
+        dive._snow_into(light, view, np.full((150, 200), 5.0), 0)
         weight = light[..., 0].astype(np.float64)
         v, u = np.mgrid[:150, :200]
         centre = (weight * u).sum() / weight.sum(), (weight * v).sum() / weight.sum()
-        seen = (place - eye.origin) @ eye.rotation
+        seen = (place - view.origin) @ view.rotation
         assert centre == pytest.approx(tuple(float(x) for x in project(seen, camera)), abs=0.05)
         hidden = np.zeros((150, 200, 3), np.float32)
-        dive._snow_into(hidden, eye, np.full((150, 200), 0.3), 0)
+        dive._snow_into(hidden, view, np.full((150, 200), 0.3), 0)
         assert not hidden.any()
 
 
@@ -203,7 +203,7 @@ def test_the_same_seed_gives_the_same_bytes() -> None:
     assert not np.array_equal(other.depth, a.frame(0).depth)
 
 
-def test_right_eye_gain() -> None:
+def test_right_camera_gain() -> None:
     base = dataclasses.replace(CLEAR, bits=16, lamp=0.3)
     plain, bright = Dive(base).frame(0), Dive(dataclasses.replace(base, gain_difference=0.2)).frame(0)
     assert np.array_equal(plain.left, bright.left)
@@ -235,8 +235,8 @@ def test_water_takes_contrast_with_distance() -> None:
 
 def test_every_pixel_is_shaded_by_directions_of_unit_length() -> None:
     dive = Dive(SMALL)
-    for eye in dive._eyes:
-        assert np.linalg.norm(eye.directions, axis=-1) == pytest.approx(1.0)
+    for view in dive._cameras:
+        assert np.linalg.norm(view.directions, axis=-1) == pytest.approx(1.0)
 
 
 def test_parameters_are_checked() -> None:

@@ -1,4 +1,4 @@
-"""Ordinary pictures drowned: the formulas, and one world for both eyes."""
+"""Ordinary pictures drowned: the formulas, and one world for both cameras."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def test_pairs_still_match_under_water() -> None:
     assert (contrast[1] < 0.9 * contrast[0]).all()
 
 
-def test_snow_shows_in_both_eyes_at_its_own_disparity() -> None:
+def test_snow_shows_in_both_cameras_at_its_own_disparity() -> None:
     flat = np.full((120, 160, 3), 60, np.uint8)
     disparity = np.full((120, 160), 8.0, np.float32)
     water = make_water("clear")

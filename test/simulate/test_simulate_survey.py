@@ -161,7 +161,7 @@ def test_the_command_leaves_bag_trajectory_and_surface(tmp_path: Path) -> None:
         dataclasses.replace(TINY), CourseParams(track="line", dropped_share=0.3, told_disparity_offset_px=0.4, movers=1)
     )
     frame = dive.frame(0)
-    points = dive._eyes[0].directions / dive._eyes[0].directions[..., 2:] * frame.depth[..., None]
+    points = dive._cameras[0].directions / dive._cameras[0].directions[..., 2:] * frame.depth[..., None]
     world = points[20:40, 20:60].reshape(-1, 3) @ frame.pose.rotation.T + frame.pose.position
     apart = cKDTree(mesh.vertices).query(world)[0]
     assert np.median(apart) < 0.008

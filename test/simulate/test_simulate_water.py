@@ -117,13 +117,13 @@ def test_lamps_glow_is_the_integral_along_the_ray() -> None:
     rays[..., 1] = np.linspace(-0.08, 0.08, 33)[:, None]
     rays[..., 2] = 1.0
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
-    eye = np.array([0.1, 0.02, 0.0])
-    table = glow_table(lamp(), MURKY, eye, rays)
+    view = np.array([0.1, 0.02, 0.0])
+    table = glow_table(lamp(), MURKY, view, rays)
     for u, reach in ((0, 0.8), (21, 1.5), (37, 3.0), (48, 7.0)):
         glow = lamp_glow(table, np.full((33, 49), reach))
         for channel in range(3):
             expected = quad(
-                lambda s, u=u, channel=channel: lamp_irradiance(lamp(), channel, *(eye + s * rays[23, u]))
+                lambda s, u=u, channel=channel: lamp_irradiance(lamp(), channel, *(view + s * rays[23, u]))
                 * np.exp(-MURKY.attenuation[channel] * s),
                 0.0, reach, limit=200,
             )[0]  # fmt: skip

@@ -24,7 +24,7 @@ from uw_recon_ros.simulate.write import rounded
 BAGS = Path(__file__).parents[2] / "bags"
 TINY = SimulateParams(width=80, height=60, frames=3, rate_hz=2.0)
 TRUTH = {"/truth/depth", "/truth/status", "/truth/pose", "/truth/left/camera_info", "/truth/right/camera_info"}
-EYES = {"/left/image_raw", "/right/image_raw"}
+SIDES = {"/left/image_raw", "/right/image_raw"}
 INFOS = {"/left/camera_info", "/right/camera_info"}
 
 
@@ -40,7 +40,7 @@ def decoded(path: Path) -> dict[str, list[Any]]:
 def test_topics_frames_stamps_and_content(tmp_path: Path) -> None:
     assert simulate(tmp_path / "dive", TINY) == 3
     found = decoded(tmp_path / "dive")
-    assert set(found) == EYES | INFOS | TRUTH
+    assert set(found) == SIDES | INFOS | TRUTH
     dive = Dive(TINY)
     for index in range(3):
         frame = dive.frame(index)
@@ -68,7 +68,7 @@ def test_topics_frames_stamps_and_content(tmp_path: Path) -> None:
 
 def test_an_uncalibrated_bag_tells_the_truth_apart(tmp_path: Path) -> None:
     simulate(tmp_path / "dive", dataclasses.replace(TINY, calibrated=False, frames=1))
-    assert set(decoded(tmp_path / "dive")) == EYES | TRUTH
+    assert set(decoded(tmp_path / "dive")) == SIDES | TRUTH
     info = bag_info(tmp_path / "dive")
     assert (info.calibration, info.reconstructable) == ("none", True)
 

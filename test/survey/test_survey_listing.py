@@ -94,7 +94,9 @@ FORMS: dict[str, Callable[[Path], Path]] = {
     "cut short": lambda p: cut(write_mcap(p / "bag.mcap", FEW), 0.6),
     "looped": lambda p: write_mcap(p / "bag.mcap", FEW + [replace(m, log_ns=m.log_ns + 1200 * MS) for m in FEW]),
     "recorded at one moment": lambda p: write_mcap(p / "bag.mcap", [replace(m, log_ns=5) for m in FEW]),
-    "one eye stops": lambda p: write_mcap(p / "bag.mcap", [m for m in FEW if "left" in m.topic or m.log_ns < 600 * MS]),
+    "one camera stops": lambda p: write_mcap(
+        p / "bag.mcap", [m for m in FEW if "left" in m.topic or m.log_ns < 600 * MS]
+    ),
     "right at half the rate": lambda p: write_mcap(p / "bag.mcap", [m for i, m in enumerate(FEW) if i % 4 != 1]),
 }
 
@@ -120,8 +122,8 @@ def test_a_bag_cut_short_says_so(tmp_path: Path) -> None:
     assert any("cut short" in note for note in listing.notes)
 
 
-def test_an_eye_that_stops_is_named(tmp_path: Path) -> None:
-    listing = assert_same_pairs(FORMS["one eye stops"](tmp_path))
+def test_an_camera_that_stops_is_named(tmp_path: Path) -> None:
+    listing = assert_same_pairs(FORMS["one camera stops"](tmp_path))
     assert any("6 of 12 left images have no partner" in note for note in listing.notes), listing.notes
 
 
@@ -213,12 +215,14 @@ def test_calibrations_follow_the_camera_infos(tmp_path: Path) -> None:
     """Two dives with different rigs, and one whose cameras say that they are not calibrated."""
     for name, tx in (("a", -0.1), ("b", -0.2)):
         infos = [
-            RawMessage(f"/{eye}/camera_info", messages.CAMERA_INFO, 4 * MS, _info(camera(tx=x)))
-            for eye, x in (("left", 0.0), ("right", tx))
+            RawMessage(f"/{side}/camera_info", messages.CAMERA_INFO, 4 * MS, _info(camera(tx=x)))
+            for side, x in (("left", 0.0), ("right", tx))
         ]
         write_mcap(tmp_path / f"{name}.mcap", FEW + infos)
     zero = replace(camera(), k=np.zeros((3, 3)))
-    infos = [RawMessage(f"/{eye}/camera_info", messages.CAMERA_INFO, 4 * MS, _info(zero)) for eye in ("left", "right")]
+    infos = [
+        RawMessage(f"/{side}/camera_info", messages.CAMERA_INFO, 4 * MS, _info(zero)) for side in ("left", "right")
+    ]
     write_mcap(tmp_path / "c.mcap", FEW + infos)
     listing, pairs = survey_pairs(*(tmp_path / f"{name}.mcap" for name in "abc"))
     assert [frame.rig for frame in listing.frames] == [0] * 12 + [1] * 12 + [-1] * 12
@@ -233,11 +237,11 @@ def _info(model: object) -> bytes:
 
 
 def stills(folder: Path, left: list[str], right: list[str]) -> Path:
-    for eye, names in (("left", left), ("right", right)):
-        (folder / eye).mkdir(parents=True)
+    for side, names in (("left", left), ("right", right)):
+        (folder / side).mkdir(parents=True)
         for name in names:
             value = int(name[:4]) % 256 if name[:4].isdigit() else 7
-            write_image(folder / eye / name, np.full((12, 16), value + (eye == "right"), np.uint8))
+            write_image(folder / side / name, np.full((12, 16), value + (side == "right"), np.uint8))
     return folder
 
 

@@ -16,8 +16,8 @@ CalibrationState = Literal["none", "zero", "inconsistent", "consistent", "metric
 
 
 @dataclass
-class EyeInfo:
-    """The images of one eye.
+class CameraImages:
+    """The images of one camera.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class BagInfo:
     start_ns, end_ns : int
         First and last log time.
     topics : tuple of TopicInfo
-    left, right : EyeInfo or None
+    left, right : CameraImages or None
         None when the bag has no stereo pair.
     pairs : int
         Left and right images of one stamp.
@@ -98,8 +98,8 @@ class BagInfo:
     start_ns: int
     end_ns: int
     topics: tuple[TopicInfo, ...]
-    left: EyeInfo | None = None
-    right: EyeInfo | None = None
+    left: CameraImages | None = None
+    right: CameraImages | None = None
     pairs: int = 0
     rate_hz: float = float("nan")
     largest_gap_s: float = float("nan")
@@ -137,10 +137,11 @@ class BagInfo:
         width = max((len(topic.name) for topic in self.topics), default=0)
         for topic in self.topics:
             yield f"  {topic.name:{width}}  {topic.count:6d}  {topic.type}"
-        for name, eye in (("left", self.left), ("right", self.right)):
-            if eye is not None:
-                yield f"{name}: {eye.topic}, {len(eye.stamps_ns)} images {eye.width}x{eye.height} {eye.encoding}" + (
-                    ", already rectified: described by P alone" if eye.rectified else ""
+        for name, side in (("left", self.left), ("right", self.right)):
+            if side is not None:
+                yield (
+                    f"{name}: {side.topic}, {len(side.stamps_ns)} images {side.width}x{side.height} {side.encoding}"
+                    + (", already rectified: described by P alone" if side.rectified else "")
                 )
         if self.left is not None:
             yield f"pairs: {self.pairs} at {self.rate_hz:.2f} Hz, longest gap {self.largest_gap_s:.2f} s"

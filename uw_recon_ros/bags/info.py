@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from uw_recon_ros.bags import messages
-from uw_recon_ros.bags.findings import BagInfo, EyeInfo
+from uw_recon_ros.bags.findings import BagInfo, CameraImages
 from uw_recon_ros.bags.model import RawMessage, plain
 from uw_recon_ros.bags.reader import BagReader, open_bag
 from uw_recon_ros.bags.stereo import CameraInfoCache, StereoTopics
@@ -63,59 +63,59 @@ def _without_pairs(bag: BagReader, reason: str) -> BagInfo:
 
 
 def _inspect(bag: BagReader, topics: StereoTopics, tolerance_ns: int, rectified: tuple[bool, bool]) -> BagInfo:
-    eyes = (
-        EyeInfo(topics.left, topics.left_info, rectified=rectified[0]),
-        EyeInfo(topics.right, topics.right_info, rectified=rectified[1]),
+    sides = (
+        CameraImages(topics.left, topics.left_info, rectified=rectified[0]),
+        CameraImages(topics.right, topics.right_info, rectified=rectified[1]),
     )
     infos = CameraInfoCache(rectified[0]), CameraInfoCache(rectified[1])
     takers: dict[str, Callable[[RawMessage], None]] = {}
-    for eye, cache in zip(eyes, infos, strict=True):
-        takers[eye.topic] = _image_taker(eye)
-        if eye.info_topic:
-            takers[eye.info_topic] = cache.update
+    for side, cache in zip(sides, infos, strict=True):
+        takers[side.topic] = _image_taker(side)
+        if side.info_topic:
+            takers[side.info_topic] = cache.update
     for raw in bag.raw_messages(takers):
         try:
             takers[raw.topic](raw)
         except BagError as error:
             bag.note(str(error))
-    numbers = _pair_numbers(eyes[0].stamps_ns, eyes[1].stamps_ns, tolerance_ns)
-    state, baseline, findings = judge_calibration(infos, (eyes[0].width, eyes[0].height))
+    numbers = _pair_numbers(sides[0].stamps_ns, sides[1].stamps_ns, tolerance_ns)
+    state, baseline, findings = judge_calibration(infos, (sides[0].width, sides[0].height))
     found = BagInfo(
-        str(bag.path), bag.start_ns, bag.end_ns, tuple(bag.topics), *eyes, **numbers, calibration=state,
+        str(bag.path), bag.start_ns, bag.end_ns, tuple(bag.topics), *sides, **numbers, calibration=state,
         baseline_m=baseline, calibration_findings=findings, damage=tuple(bag.damage),
     )  # fmt: skip
     return judge(found, changes=max(cache.changes for cache in infos))
 
 
-def _image_taker(eye: EyeInfo) -> Callable[[RawMessage], None]:
+def _image_taker(side: CameraImages) -> Callable[[RawMessage], None]:
     def take(raw: RawMessage) -> None:
         image = messages.decode(raw)
-        if not eye.stamps_ns:
-            _describe_first(eye, image)
-        elif _differs(eye, image):
-            eye.odd += 1
-        eye.stamps_ns.append(messages.stamp_ns(image))
+        if not side.stamps_ns:
+            _describe_first(side, image)
+        elif _differs(side, image):
+            side.odd += 1
+        side.stamps_ns.append(messages.stamp_ns(image))
 
     return take
 
 
-def _describe_first(eye: EyeInfo, image: Any) -> None:
-    eye.frame_id = plain(image.header.frame_id)
-    eye.encoding = plain(getattr(image, "encoding", "") or getattr(image, "format", ""))
+def _describe_first(side: CameraImages, image: Any) -> None:
+    side.frame_id = plain(image.header.frame_id)
+    side.encoding = plain(getattr(image, "encoding", "") or getattr(image, "format", ""))
     try:
         shown = messages.image_from_message(image)
     except ReconError as error:
-        eye.problem = str(error)
+        side.problem = str(error)
         return
-    eye.height, eye.width = shown.shape[:2]
-    eye.kind = f"{'colour' if shown.ndim == 3 else 'mono'}, {8 * shown.itemsize} bits"
+    side.height, side.width = shown.shape[:2]
+    side.kind = f"{'colour' if shown.ndim == 3 else 'mono'}, {8 * shown.itemsize} bits"
 
 
-def _differs(eye: EyeInfo, image: Any) -> bool:
+def _differs(side: CameraImages, image: Any) -> bool:
     if not hasattr(image, "encoding"):
-        return plain(image.format) != eye.encoding
+        return plain(image.format) != side.encoding
     whole = len(image.data) == image.step * image.height
-    return not whole or (image.width, image.height, plain(image.encoding)) != (eye.width, eye.height, eye.encoding)
+    return not whole or (image.width, image.height, plain(image.encoding)) != (side.width, side.height, side.encoding)
 
 
 def _pair_numbers(left: list[int], right: list[int], tolerance_ns: int) -> dict[str, Any]:

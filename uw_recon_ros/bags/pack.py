@@ -73,9 +73,9 @@ def pack(
             time_ns = _FIRST_NS + round(index * 1e9 / rate_hz)
             images = read_image(paths[0]), read_image(paths[1])
             first = images[0] if first is None else first
-            for eye, path, image, frame in zip(("left", "right"), paths, images, frames, strict=True):
+            for side, path, image, frame in zip(("left", "right"), paths, images, frames, strict=True):
                 _check(path, image, pairs[0][0], first, calibration)
-                writer.image(f"/{eye}/image_raw", image, time_ns=time_ns, frame_id=frame)
+                writer.image(f"/{side}/image_raw", image, time_ns=time_ns, frame_id=frame)
             if calibration is not None:
                 writer.camera_info("/left/camera_info", calibration.left, time_ns=time_ns, frame_id=frames[0])
                 writer.camera_info("/right/camera_info", calibration.right, time_ns=time_ns, frame_id=frames[1])

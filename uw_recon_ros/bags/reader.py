@@ -103,7 +103,7 @@ class BagReader:
                 yield raw, decoded
 
     def stereo_topics(self, left: str | None = None, right: str | None = None) -> StereoTopics:
-        """The eyes' topics, found by type and name unless given. Raises `BagError` when there is no pair."""
+        """The cameras' topics, found by type and name unless given. Raises `BagError` when there is no pair."""
         return find_stereo_topics(self.topics, left, right)
 
     def stereo_pairs(
@@ -156,7 +156,7 @@ class BagReader:
     def _first_infos(
         self, topics: StereoTopics, rectified: tuple[bool, bool]
     ) -> tuple[CameraInfoCache, CameraInfoCache]:
-        """What the first CameraInfo of either eye says: it is recorded after the image it belongs to, most often."""
+        """What the first CameraInfo of either camera says: it is recorded after the image it belongs to, most often."""
         caches = CameraInfoCache(rectified[0]), CameraInfoCache(rectified[1])
         for name, cache in zip((topics.left_info, topics.right_info), caches, strict=True):
             first = next(self.raw_messages([name]), None) if name else None

@@ -1,4 +1,4 @@
-"""The stereo pairs of a bag: which topics are the eyes, and their messages paired by stamp."""
+"""The stereo pairs of a bag: which topics are the cameras, and their messages paired by stamp."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from uw_recon_ros.image_pair import as_pair
 from uw_recon_ros.pairing import Synchronizer
 from uw_recon_ros.types import CameraModel, StereoCalibration, StereoPair
 
-#: How recordings name the two eyes, best known first.
+#: How recordings name the two cameras, best known first.
 _EYES = (
     ("left", "right"),
     ("cam0", "cam1"),
@@ -44,8 +44,8 @@ class StereoTopics:
         return came_rectified(told, self.left), came_rectified(told, self.right)
 
 
-def _other_eye(name: str) -> str | None:
-    """The right eye's topic name for a left one's."""
+def _other_camera(name: str) -> str | None:
+    """The right camera's topic name for a left one's."""
     for left, right in _EYES:
         swapped = re.sub(rf"(?<![a-z0-9]){left}(?![a-z0-9])", right, name)
         if swapped != name:
@@ -85,7 +85,7 @@ def _list_images(topics: Iterable[TopicInfo]) -> str:
 
 
 def find_stereo_topics(topics: Sequence[TopicInfo], left: str | None = None, right: str | None = None) -> StereoTopics:
-    """Find the two eyes by type and name.
+    """Find the two cameras by type and name.
 
     Parameters
     ----------
@@ -104,14 +104,14 @@ def find_stereo_topics(topics: Sequence[TopicInfo], left: str | None = None, rig
         partners = [p for p in ([_named(right, topics)] if right else images) if p.name != candidate.name]
         pairs += [(candidate, p) for p in partners if (left and right) or _fit(candidate, p)]
     if not pairs:
-        raise BagError(f"no stereo pair: expected images of a left and a right eye, got {_list_images(topics)}")
+        raise BagError(f"no stereo pair: expected images of a left and a right camera, got {_list_images(topics)}")
     best_left, best_right = min(pairs, key=lambda pair: (_rank(pair[0]), _rank(pair[1])))
     infos = _info_topic(best_left, topics), _info_topic(best_right, topics)
     return StereoTopics(best_left.name, best_right.name, *infos)
 
 
 def _fit(left: TopicInfo, right: TopicInfo) -> bool:
-    return _other_eye(_image_base(left)) == _image_base(right) and not _NOT_RAW.search(left.name)
+    return _other_camera(_image_base(left)) == _image_base(right) and not _NOT_RAW.search(left.name)
 
 
 class CameraInfoCache:
@@ -189,13 +189,13 @@ def make_pair(left: Any, right: Any, calibration: StereoCalibration | None) -> S
     Raises
     ------
     ImageError
-        Naming the eye, or what `as_pair` refuses.
+        Naming the camera, or what `as_pair` refuses.
     """
     arrays = []
-    for eye, message in (("left", left), ("right", right)):
+    for side, message in (("left", left), ("right", right)):
         try:
             arrays.append(messages.image_from_message(message))
         except ReconError as error:
-            raise ImageError(f"{eye} image: {error}", error.code) from error
+            raise ImageError(f"{side} image: {error}", error.code) from error
     first, second, findings = as_pair(*arrays)
     return StereoPair(first, second, messages.stamp_ns(left), str(left.header.frame_id), calibration, findings)

@@ -31,7 +31,7 @@ def judge_calibration(
     left, right = infos
     if not (left.seen and right.seen):
         missing = " and ".join(n for n, cache in (("left", left), ("right", right)) if not cache.seen)
-        return "none", _NAN, (_none(f"no CameraInfo of the {missing} eye"),)
+        return "none", _NAN, (_none(f"no CameraInfo of the {missing} camera"),)
     for name, cache in (("left", left), ("right", right)):
         if cache.problem is not None:
             zero = cache.problem.code == Code.CALIBRATION_NOT_CALIBRATED
@@ -77,17 +77,17 @@ def _reasons(info: BagInfo, calibration_problem: str) -> Iterator[str]:
     left, right = info.left, info.right
     if left is None or right is None:
         return
-    for eye in (left, right):
-        if not eye.stamps_ns:
-            yield f"{eye.topic} holds no readable image"
-        elif eye.problem:
-            yield f"{eye.topic}: images cannot be decoded: {eye.problem}"
+    for side in (left, right):
+        if not side.stamps_ns:
+            yield f"{side.topic} holds no readable image"
+        elif side.problem:
+            yield f"{side.topic}: images cannot be decoded: {side.problem}"
     if not left.stamps_ns or not right.stamps_ns:
         return
     if not (left.problem or right.problem) and (left.width, left.height) != (right.width, right.height):
-        yield f"the eyes differ in size: {left.width}x{left.height} and {right.width}x{right.height} px"
+        yield f"the cameras differ in size: {left.width}x{left.height} and {right.width}x{right.height} px"
     if left.kind and right.kind and left.kind.split(", ")[1] != right.kind.split(", ")[1]:
-        yield f"the eyes differ in depth: left {left.kind}, right {right.kind}"
+        yield f"the cameras differ in depth: left {left.kind}, right {right.kind}"
     if not info.pairs:
         off = f"the nearest differ by {1e3 * info.stamp_offset_s:.1f} ms (median)"
         yield f"no left and right image have one stamp: {off}; allow a tolerance if they belong together"
@@ -96,17 +96,17 @@ def _reasons(info: BagInfo, calibration_problem: str) -> Iterator[str]:
 
 
 def _warnings(info: BagInfo, calibration_problem: str) -> Iterator[str]:
-    for eye in (info.left, info.right):
-        if eye is None or not eye.stamps_ns:
+    for side in (info.left, info.right):
+        if side is None or not side.stamps_ns:
             continue
-        if 0 < info.pairs < _FEW * len(eye.stamps_ns):
-            yield f"{eye.topic}: {len(eye.stamps_ns) - info.pairs} of {len(eye.stamps_ns)} images have no partner"
-        if eye.backwards:
-            yield f"{eye.topic}: time goes backwards {eye.backwards} times"
-        if not any(eye.stamps_ns):
-            yield f"{eye.topic}: all stamps are zero"
-        if eye.odd:
-            yield f"{eye.topic}: {eye.odd} images differ from the first in size or encoding, or are incomplete"
+        if 0 < info.pairs < _FEW * len(side.stamps_ns):
+            yield f"{side.topic}: {len(side.stamps_ns) - info.pairs} of {len(side.stamps_ns)} images have no partner"
+        if side.backwards:
+            yield f"{side.topic}: time goes backwards {side.backwards} times"
+        if not any(side.stamps_ns):
+            yield f"{side.topic}: all stamps are zero"
+        if side.odd:
+            yield f"{side.topic}: {side.odd} images differ from the first in size or encoding, or are incomplete"
     if info.left and info.right and info.left.kind and info.right.kind and info.left.kind != info.right.kind:
         yield f"left is {info.left.kind}, right is {info.right.kind}: both are taken as gray where the bits agree"
     if info.gaps:

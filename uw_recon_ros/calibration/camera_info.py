@@ -77,7 +77,9 @@ def read_calibration(path: str | Path) -> StereoCalibration:
         raise CalibrationError(f"{path}: expected a calibration file: {error}") from error
     if len(documents) != 2:
         raise CalibrationError(f"{path}: expected two YAML documents (left, right), got {len(documents)}")
-    left, right = (_camera_from_yaml(d, f"{path}, {eye}") for d, eye in zip(documents, ("left", "right"), strict=True))
+    left, right = (
+        _camera_from_yaml(d, f"{path}, {side}") for d, side in zip(documents, ("left", "right"), strict=True)
+    )
     return StereoCalibration(left, right)
 
 

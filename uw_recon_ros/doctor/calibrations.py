@@ -8,7 +8,7 @@ from uw_recon_ros.calibration.rectified import as_rectified, came_rectified
 from uw_recon_ros.doctor.cameras import source
 from uw_recon_ros.doctor.finding import Finding, Level, fail, ok
 from uw_recon_ros.doctor.observation import CameraNumbers, Observation, Topic
-from uw_recon_ros.doctor.suggestions import same_elsewhere, says_eye
+from uw_recon_ros.doctor.suggestions import same_elsewhere, says_side
 from uw_recon_ros.doctor.topic_graph import METRIC_CLOUD, TYPES, UNSCALED_CLOUD
 from uw_recon_ros.errors import CalibrationError
 from uw_recon_ros.topics import SIDES
@@ -32,7 +32,7 @@ def _no_scale(seen: Observation, text: str, advice: str = _CALIBRATE) -> Finding
     return Finding(Level.OK if came else Level.WARN, _STAGE, text, "" if came else advice)
 
 
-def _camera(seen: Observation, eye: str, info: CameraNumbers) -> CameraModel:
+def _camera(seen: Observation, side: str, info: CameraNumbers) -> CameraModel:
     try:
         camera = make_camera(
             width=info.width, height=info.height, k=info.k, d=info.d, r=info.r, p=info.p,
@@ -40,15 +40,15 @@ def _camera(seen: Observation, eye: str, info: CameraNumbers) -> CameraModel:
         )  # fmt: skip
         camera = as_imaged(camera, info.binning, info.roi)
         told = str(seen.parameter("images_rectified", "auto"))
-        return as_rectified(camera) if came_rectified(told, source(seen, eye).name) else camera
+        return as_rectified(camera) if came_rectified(told, source(seen, side).name) else camera
     except CalibrationError as error:
-        raise CalibrationError(f"{eye} {error}", error.code) from error
+        raise CalibrationError(f"{side} {error}", error.code) from error
 
 
 def _numbers(seen: Observation) -> Finding:
     """Both infos came: what do they say."""
     left, right = seen.infos["left"], seen.infos["right"]
-    zero = [seen.topics[f"{eye}/camera_info"].name for eye in SIDES if not any(seen.infos[eye].k)]
+    zero = [seen.topics[f"{side}/camera_info"].name for side in SIDES if not any(seen.infos[side].k)]
     if zero:
         return _no_scale(seen, f"{' and '.join(zero)}: K is zero (not calibrated)")
     size = source(seen, "left").arrivals
@@ -75,12 +75,12 @@ def _numbers(seen: Observation) -> Finding:
     )
 
 
-def _missing(seen: Observation, eyes: list[str]) -> Finding:
-    names = [f"{eye}/camera_info" for eye in eyes]
+def _missing(seen: Observation, sides: list[str]) -> Finding:
+    names = [f"{side}/camera_info" for side in sides]
     resolved = " and ".join(seen.topics.get(name, Topic(name)).name for name in names)
     kind = {TYPES[names[0]]}
     meant = same_elsewhere(names[0], kind, seen.others) or sorted(
-        topic.name for topic in seen.others if topic.types & kind and says_eye(topic.name, eyes[0])
+        topic.name for topic in seen.others if topic.types & kind and says_side(topic.name, sides[0])
     )
     if meant:
         return _no_scale(
@@ -90,13 +90,13 @@ def _missing(seen: Observation, eyes: list[str]) -> Finding:
 
 
 def check_calibration(seen: Observation) -> list[Finding]:
-    """Look at both eyes' camera_infos."""
+    """Look at both cameras' camera_infos."""
     if seen.parameter("calibration_use", "auto") == "ignore":
         return [_no_scale(seen, "calibration_use is ignore", "set calibration_use to auto")]
-    topics = {eye: seen.topics.get(f"{eye}/camera_info", Topic(f"{eye}/camera_info")) for eye in SIDES}
-    silent = [topics[eye].name for eye in SIDES if topics[eye].publishers and eye not in seen.infos]
+    topics = {side: seen.topics.get(f"{side}/camera_info", Topic(f"{side}/camera_info")) for side in SIDES}
+    silent = [topics[side].name for side in SIDES if topics[side].publishers and side not in seen.infos]
     if silent:
         text = f"{' and '.join(silent)}: a publisher, but no message: rectification waits for it"
         return [fail(_STAGE, text, "publish it with every image, or stop publishing it")]
-    missing = [eye for eye in SIDES if not topics[eye].publishers]
+    missing = [side for side in SIDES if not topics[side].publishers]
     return [_missing(seen, missing) if missing else _numbers(seen)]

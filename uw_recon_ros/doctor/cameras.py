@@ -1,4 +1,4 @@
-"""The images: do they come, do the eyes agree, do their stamps pair up."""
+"""The images: do they come, do the cameras agree, do their stamps pair up."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ _DEFAULT_SEGMENT = 512 << 10
 _TRANSPORTS = {"raw": (0,), "compressed": (1,), "auto": (0, 1)}
 
 
-def source(seen: Observation, eye: str) -> Topic:
-    """The topic that brings an eye's images: raw where it is published, else compressed."""
-    raw, compressed = (seen.topics.get(name, Topic(name)) for name in sources(eye))
+def source(seen: Observation, side: str) -> Topic:
+    """The topic that brings a camera's images: raw where it is published, else compressed."""
+    raw, compressed = (seen.topics.get(name, Topic(name)) for name in sources(side))
     allowed = _TRANSPORTS.get(str(seen.parameter("image_transport", "auto")), (0, 1))
     choice = [topic for place, topic in enumerate((raw, compressed)) if place in allowed]
     return next((topic for topic in choice if topic.publishers), choice[0])
 
 
-def _missing(seen: Observation, eye: str) -> Finding:
-    """Nobody publishes an eye: say what was probably meant."""
-    topic, (raw, compressed) = source(seen, eye), sources(eye)
+def _missing(seen: Observation, side: str) -> Finding:
+    """Nobody publishes a camera: say what was probably meant."""
+    topic, (raw, compressed) = source(seen, side), sources(side)
     text = f"{topic.name}: no publisher"
     other = next((seen.topics[n] for n in (raw, compressed) if n in seen.topics and seen.topics[n].publishers), None)
     if other:
@@ -48,7 +48,7 @@ def _missing(seen: Observation, eye: str) -> Finding:
             f"{text}, but {' and '.join(moved)} has one",
             f"start the nodes with namespace:={space} (-r __ns:={space}), or remap {raw}:={moved[0]}",
         )
-    likely = for_image(eye, seen.others)
+    likely = for_image(side, seen.others)
     if likely:
         name = raw if not likely[0].endswith("/compressed") else compressed
         return fail(_STAGE, f"{text}; likely meant: {', '.join(likely[:3])}", f"start with -r {name}:={likely[0]}")
@@ -84,10 +84,10 @@ def _describe(topic: Topic) -> str:
     return f"{topic.name}: {came.rate_hz:.1f} Hz, {size}{came.encoding} from {topic.publishers[0].node}"
 
 
-def _eye(seen: Observation, eye: str) -> list[Finding]:
-    topic = source(seen, eye)
+def _camera(seen: Observation, side: str) -> list[Finding]:
+    topic = source(seen, side)
     if not topic.publishers:
-        return [_missing(seen, eye)]
+        return [_missing(seen, side)]
     if not topic.arrivals.count:
         return [_silent(seen, topic)]
     found = [ok(_STAGE, _describe(topic))]
@@ -113,7 +113,7 @@ def _kind(encoding: str) -> tuple[int, str]:
 
 
 def _formats(left: Arrivals, right: Arrivals) -> list[Finding]:
-    """Both eyes need one size, and one kind of pixel."""
+    """Both cameras need one size, and one kind of pixel."""
     if not (left.width and right.width):
         return []
     if (left.width, left.height) != (right.width, right.height):
@@ -182,9 +182,9 @@ def _apart(left: Arrivals, median_ms: float, paired: float, tolerance_ms: float)
 
 
 def check_cameras(seen: Observation) -> list[Finding]:
-    """Look at both eyes' images."""
-    found = [finding for eye in SIDES for finding in _eye(seen, eye)]
-    left, right = (source(seen, eye).arrivals for eye in SIDES)
+    """Look at both cameras' images."""
+    found = [finding for side in SIDES for finding in _camera(seen, side)]
+    left, right = (source(seen, side).arrivals for side in SIDES)
     if left.count and right.count:
         found += [*_formats(left, right), *_stamps(seen, left, right)]
     return found

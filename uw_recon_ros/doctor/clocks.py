@@ -33,7 +33,7 @@ def check_clocks(seen: Observation) -> list[Finding]:
                 "stop all but one",
             )
         )
-    behind_s = [came.behind_ns * 1e-9 for came in (source(seen, eye).arrivals for eye in SIDES) if came.count]
+    behind_s = [came.behind_ns * 1e-9 for came in (source(seen, side).arrivals for side in SIDES) if came.count]
     if behind_s and not clock.publishers:
         worst = max(behind_s, key=abs)
         if abs(worst) > _LATE_S:

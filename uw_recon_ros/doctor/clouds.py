@@ -20,7 +20,7 @@ _RANGE = re.compile(r"(-?\d+) to (-?\d+) px")
 
 
 def _empty(topic: Topic, seen: Observation) -> Finding:
-    """Clouds come and hold nothing: behind a rig whose eyes are exchanged there is nothing to see."""
+    """Clouds come and hold nothing: behind a rig whose cameras are swapped there is nothing to see."""
     text = f"{topic.name}: clouds without a point"
     for node in seen.nodes.values():
         said = node.statuses[-1].values if node.statuses else {}

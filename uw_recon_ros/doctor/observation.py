@@ -122,7 +122,7 @@ class GraphNode:
 
 @dataclass(frozen=True)
 class CameraNumbers:
-    """The last camera_info of an eye; fields as the message's."""
+    """The last camera_info of a camera; fields as the message's."""
 
     width: int
     height: int
@@ -182,7 +182,7 @@ class Observation:
     elsewhere : tuple of str
         Full names of our nodes in other name spaces.
     infos : mapping
-        Camera_infos by eye.
+        Camera_infos by camera.
     clock : ClockSight
     surroundings : Surroundings
     """

@@ -1,4 +1,4 @@
-"""Topics that were probably meant: the same name in another name space, or another spelling of the same eye."""
+"""Topics that were probably meant: the same name in another name space, or another spelling of the same camera."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from uw_recon_ros.doctor.observation import Topic
 from uw_recon_ros.doctor.topic_graph import TYPES, sources
 from uw_recon_ros.topics import COMPRESSED_IMAGE, IMAGE, SIDES
 
-#: How drivers name an eye.
+#: How drivers name a camera.
 _SPELLINGS = {
     "left": frozenset({"left", "l", "infra1", "cam0", "camera0", "upper"}),
     "right": frozenset({"right", "r", "infra2", "cam1", "camera1", "lower"}),
@@ -19,11 +19,11 @@ _LIKELY = ("raw", "color", "mono", "rect")
 _WORD = re.compile(r"[^/_]+")
 
 
-def says_eye(name: str, eye: str) -> bool:
-    """Whether a topic's name speaks of this eye and not of the other."""
+def says_side(name: str, side: str) -> bool:
+    """Whether a topic's name speaks of this camera and not of the other."""
     words = set(_WORD.findall(name.lower()))
-    other = SIDES[1 - SIDES.index(eye)]
-    return bool(words & _SPELLINGS[eye]) and not words & _SPELLINGS[other]
+    other = SIDES[1 - SIDES.index(side)]
+    return bool(words & _SPELLINGS[side]) and not words & _SPELLINGS[other]
 
 
 def same_elsewhere(relative: str, kinds: Iterable[str], others: Iterable[Topic]) -> list[str]:
@@ -32,9 +32,9 @@ def same_elsewhere(relative: str, kinds: Iterable[str], others: Iterable[Topic])
     return sorted(t.name for t in others if t.name.endswith(f"/{relative}") and t.types & wanted)
 
 
-def for_image(eye: str, others: Iterable[Topic]) -> list[str]:
-    """Topics that may be an eye's image, likeliest first."""
-    found = [t.name for t in others if t.types & {IMAGE, COMPRESSED_IMAGE} and says_eye(t.name, eye)]
+def for_image(side: str, others: Iterable[Topic]) -> list[str]:
+    """Topics that may be a camera's image, likeliest first."""
+    found = [t.name for t in others if t.types & {IMAGE, COMPRESSED_IMAGE} and says_side(t.name, side)]
     return sorted(found, key=_rank)
 
 
@@ -65,15 +65,15 @@ def actual_names(subscriptions: Mapping[str, str], resolved: Mapping[str, str]) 
     """
     found: dict[str, str] = {}
     known = set(resolved.values())
-    for eye in SIDES:
-        for relatives in (sources(eye), (f"{eye}/camera_info",)):
+    for side in SIDES:
+        for relatives in (sources(side), (f"{side}/camera_info",)):
             if any(resolved[relative] in subscriptions for relative in relatives):
                 continue
             for relative in relatives:
                 foreign = [
                     name
                     for name, kind in subscriptions.items()
-                    if kind == TYPES[relative] and name not in known and says_eye(name, eye)
+                    if kind == TYPES[relative] and name not in known and says_side(name, side)
                 ]
                 if len(foreign) == 1:
                     found[relative] = foreign[0]

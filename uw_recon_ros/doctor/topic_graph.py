@@ -35,8 +35,8 @@ NODES = (*(stage.node for stage in STAGES), PIPELINE)
 TYPES: dict[str, str] = {topic.name: topic.type for topic in TOPICS}
 #: What the doctor listens to itself: enough to see where the chain breaks, and to have every stage work.
 LISTENED = (
-    *(topic for eye in SIDES for topic in sources(eye)),
-    *(f"{eye}/camera_info" for eye in SIDES),
+    *(topic for camera in SIDES for topic in sources(camera)),
+    *(f"{camera}/camera_info" for camera in SIDES),
     *(stage.output for stage in STAGES),
     UNSCALED_CLOUD,
 )

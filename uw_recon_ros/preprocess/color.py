@@ -109,7 +109,7 @@ def equalizing_gains(
     Parameters
     ----------
     images : sequence of (H, W, 3) float32 or float64
-        Both eyes, RGB; clipped to [0, inf) first.
+        Both cameras, RGB; clipped to [0, inf) first.
     max_gain : float
         A channel that needs more, as red far down, is brightened that much and stays behind.
     masks : sequence of (H, W) bool
@@ -165,7 +165,7 @@ def apply_gains(image: FloatArray, gains: NDArray[np.float64]) -> FloatArray:
     ----------
     image : (H, W, 3) float32 or float64
     gains : (3,) float64
-        As from `equalizing_gains`; one set for both eyes.
+        As from `equalizing_gains`; one set for both cameras.
     """
     image = checked_float("image", image, shape="(H, W, 3)")
     balanced: FloatArray = np.clip(image * gains.astype(image.dtype), 0, 1)

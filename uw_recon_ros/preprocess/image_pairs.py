@@ -20,7 +20,7 @@ _DEPTHS = (8, 10, 12, 14, 16)  # bits of the sensors there are
 
 
 class TwoThreads:
-    """Calls a function for the left and the right eye at once; the libraries below release the interpreter's lock.
+    """Calls a function for the left and the right camera at once; the libraries below release the interpreter's lock.
 
     The second thread belongs to the calling one and is kept: a thread made for every frame makes memory creep.
     """
@@ -41,37 +41,37 @@ class TwoThreads:
         return left, right.result()
 
 
-def checked_eyes(pair: StereoPair) -> tuple[RawImage, RawImage]:
+def checked_images(pair: StereoPair) -> tuple[RawImage, RawImage]:
     """Both images of a pair.
 
     Raises
     ------
     ImageError
-        An image is empty or no image, or the eyes differ in shape or dtype.
+        An image is empty or no image, or the cameras differ in shape or dtype.
     TypeError
         Neither uint8 nor uint16.
     """
-    eyes = np.asarray(pair.left), np.asarray(pair.right)
-    for name, image in zip(("left", "right"), eyes, strict=True):
+    views = np.asarray(pair.left), np.asarray(pair.right)
+    for name, image in zip(("left", "right"), views, strict=True):
         if image.dtype not in (np.uint8, np.uint16):
             raise TypeError(f"{name}: expected uint8 or uint16, got {image.dtype}")
         if image.size == 0 or not (image.ndim == 2 or (image.ndim == 3 and image.shape[2] == 3)):
             raise ImageError(f"{name}: expected shape (H, W) or (H, W, 3) with at least one pixel, got {image.shape}")
-    left, right = eyes
+    left, right = views
     if left.shape != right.shape or left.dtype != right.dtype:
         raise ImageError(
             "right: expected the left image's shape and dtype, "
             f"{left.shape} {left.dtype}, got {right.shape} {right.dtype}"
         )
-    return eyes
+    return views
 
 
-def full_scale(eyes: tuple[RawImage, RawImage], sensor_bits: int = 0) -> float:
-    """The value that stands for 1, common to both eyes.
+def full_scale(views: tuple[RawImage, RawImage], sensor_bits: int = 0) -> float:
+    """The value that stands for 1, common to both cameras.
 
     Parameters
     ----------
-    eyes : two arrays of uint8 or uint16
+    cameras : two arrays of uint8 or uint16
     sensor_bits : int
         Bits that a 16-bit pixel really has; 0: the fewest of 8, 10, 12, 14 and 16 that hold the brightest pixel.
 
@@ -80,11 +80,11 @@ def full_scale(eyes: tuple[RawImage, RawImage], sensor_bits: int = 0) -> float:
     float
         255 for uint8.
     """
-    if eyes[0].dtype == np.uint8:
+    if views[0].dtype == np.uint8:
         return 255.0
     if sensor_bits:
         return float((1 << sensor_bits) - 1)
-    brightest = max(int(eye.max()) for eye in eyes)
+    brightest = max(int(view.max()) for view in views)
     return float(next((1 << bits) - 1 for bits in _DEPTHS if brightest < 1 << bits))
 
 

@@ -1,4 +1,4 @@
-"""Step 7: clip outliers and stretch what is left over the whole range, by bounds that both eyes share."""
+"""Step 7: clip outliers and stretch what is left over the whole range, by bounds that both cameras share."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def intensity_bounds(
     Parameters
     ----------
     images : sequence of (H, W) float32 or float64
-        Both eyes.
+        Both cameras.
     clip_percent : float
         Share of the pixels to saturate at either end, percent, in [0, 50).
     masks : sequence of (H, W) bool

@@ -2,7 +2,7 @@
 
 The water takes one colour more than the others, noise remains in all: so the channels are weighed by what they tell.
 Then the wavelets of step 5, whose traces depend on where a pixel lies, are averaged over two positions, since the same
-point lies elsewhere in the other eye. Raising the contrast, as steps 4 and 7 do, raised the disparity error in every
+point lies elsewhere in the other camera. Raising the contrast, as steps 4 and 7 do, raised the disparity error in every
 kind of water, for a semi-global matcher (``test/benchmark/preprocess_profiles.py``).
 """
 
@@ -32,7 +32,7 @@ def channel_weights(images: Sequence[FloatArray]) -> NDArray[np.float64]:
     Parameters
     ----------
     images : sequence of (H, W, 3) float32 or float64
-        Both eyes, RGB in [0, 1].
+        Both cameras, RGB in [0, 1].
 
     Returns
     -------
@@ -75,7 +75,7 @@ def weighted_gray(image: FloatArray, weights: NDArray[np.float64]) -> FloatArray
     ----------
     image : (H, W, 3) float32 or float64
     weights : (3,) float64
-        As from `channel_weights`; one set for both eyes.
+        As from `channel_weights`; one set for both cameras.
 
     Returns
     -------
@@ -91,7 +91,7 @@ def excess_sigma(images: Sequence[FloatArray]) -> float:
     Parameters
     ----------
     images : sequence of (H, W) float32 or float64
-        Both eyes, in [0, 1].
+        Both cameras, in [0, 1].
     """
     noise = _noise_sigma([checked_float("images", image) for image in images])
     return float(np.sqrt(max(noise**2 - _GRAY_LEVEL**2, 0.0)))

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros.findings import Code, Finding, Severity
-from uw_recon_ros.preprocess.image_pairs import TwoThreads, checked_eyes, full_scale
+from uw_recon_ros.preprocess.image_pairs import TwoThreads, checked_images, full_scale
 from uw_recon_ros.types import Mask, RawImage, StereoPair
 from uw_recon_ros.unseen import with_margin
 
@@ -83,7 +83,7 @@ class RegionWatch:
         Raises
         ------
         ImageError, TypeError
-            As `checked_eyes`.
+            As `checked_images`.
         """
         grays = _grays(pair)
         found = _find(grays, self._before)
@@ -98,7 +98,7 @@ def find_regions(pair: StereoPair, before: StereoPair | None = None) -> Regions:
 
 def _grays(pair: StereoPair) -> Grays:
     with TwoThreads() as both:
-        return both(_gray, checked_eyes(pair))
+        return both(_gray, checked_images(pair))
 
 
 def _gray(image: RawImage) -> Gray:

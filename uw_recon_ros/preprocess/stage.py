@@ -25,7 +25,7 @@ from uw_recon_ros.preprocess.diffusion import diffuse
 from uw_recon_ros.preprocess.extension import crop_extension, extend_symmetric
 from uw_recon_ros.preprocess.filterbank import FARRAS, named_wavelet
 from uw_recon_ros.preprocess.homomorphic import homomorphic_filter
-from uw_recon_ros.preprocess.image_pairs import TwoThreads, checked_eyes, full_scale, unit_from_raw
+from uw_recon_ros.preprocess.image_pairs import TwoThreads, checked_images, full_scale, unit_from_raw
 from uw_recon_ros.preprocess.intensity import intensity_bounds, joint_percentiles, stretch
 from uw_recon_ros.preprocess.matching_profile import channel_weights, denoise_evenly, excess_sigma, weighted_gray
 from uw_recon_ros.preprocess.moire import remove_moire
@@ -88,7 +88,7 @@ class PreprocessParams(Params):
 
 @dataclass(frozen=True)
 class Preprocess:
-    """The paper's nine steps on a stereo pair, both eyes by the same statistics.
+    """The paper's nine steps on a stereo pair, both cameras by the same statistics.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ class Preprocess:
         Parameters
         ----------
         pair : StereoPair
-            uint8 or uint16, mono or RGB; both eyes of one shape and dtype.
+            uint8 or uint16, mono or RGB; both cameras of one shape and dtype.
         regions : Regions or None
             What either image does not show, as `RegionWatch` found it; None: found in this pair alone.
 
@@ -115,11 +115,11 @@ class Preprocess:
         Raises
         ------
         ImageError
-            An image is empty, or the eyes differ in shape or dtype.
+            An image is empty, or the cameras differ in shape or dtype.
         TypeError
             Neither uint8 nor uint16.
         """
-        raw = checked_eyes(pair)
+        raw = checked_images(pair)
         regions = regions or find_regions(pair)
         masks = regions.masks
         with TwoThreads() as both:
@@ -139,10 +139,10 @@ class Preprocess:
         """Step 1."""
         return remove_moire(image, prominence_db=self.params.moire_prominence) if self.params.moire_removal else image
 
-    def _filtered_luminance(self, both: TwoThreads, eyes: Eyes, masks: tuple[Mask, Mask]) -> Eyes:
+    def _filtered_luminance(self, both: TwoThreads, views: Eyes, masks: tuple[Mask, Mask]) -> Eyes:
         """Steps 2 and 4 to 7, and the crop of step 8."""
-        height, width = eyes[0].shape
-        extended = both(extend_symmetric, eyes)
+        height, width = views[0].shape
+        extended = both(extend_symmetric, views)
         even = both(partial(self._homomorphic, longer_side=max(height, width)), extended)
         smooth = both(self._diffused, self._in_unit_range(self._denoised(both, even), masks))
         cropped = both(partial(crop_extension, height=height, width=width), smooth)
@@ -156,22 +156,22 @@ class Preprocess:
         cutoff = p.homomorphic_cutoff * max(extended.shape) / longer_side
         return homomorphic_filter(extended, cutoff, p.homomorphic_low_gain, p.homomorphic_high_gain)
 
-    def _denoised(self, both: TwoThreads, eyes: Eyes) -> Eyes:
-        """Step 5, with one estimate of the noise for both eyes."""
-        common = math.gcd(*eyes[0].shape)
+    def _denoised(self, both: TwoThreads, views: Eyes) -> Eyes:
+        """Step 5, with one estimate of the noise for both cameras."""
+        common = math.gcd(*views[0].shape)
         levels = min(self.params.wavelet_levels + 1, (common & -common).bit_length() - 1)  # halved so often, both sides
         if not self.params.wavelet_denoising or levels < 2:
-            return eyes
-        pyramids = both(partial(wavelet.decompose, levels=levels, wavelet=self.params.wavelet), eyes)
+            return views
+        pyramids = both(partial(wavelet.decompose, levels=levels, wavelet=self.params.wavelet), views)
         sigma = self.params.wavelet_strength * wavelet.noise_sigma(pyramids)
         return both(wavelet.reconstruct, both(partial(wavelet.shrink, sigma=sigma), pyramids))
 
-    def _in_unit_range(self, eyes: Eyes, masks: tuple[Mask, Mask]) -> Eyes:
+    def _in_unit_range(self, views: Eyes, masks: tuple[Mask, Mask]) -> Eyes:
         """Luminance as step 6 wants it: 1 where step 7 will saturate."""
-        cropped = [crop_extension(eye, *mask.shape) for eye, mask in zip(eyes, masks, strict=True)]
+        cropped = [crop_extension(view, *mask.shape) for view, mask in zip(views, masks, strict=True)]
         white = joint_percentiles(cropped, [100.0 - self.params.intensity_clip], masks)[0]
         factor = np.float32(1.0 / white if white > 0 else 1.0)
-        return eyes[0] * factor, eyes[1] * factor
+        return views[0] * factor, views[1] * factor
 
     def _diffused(self, extended: FloatImage) -> FloatImage:
         """Step 6."""

@@ -91,7 +91,7 @@ def noise_sigma(pyramids: Sequence[Pyramid]) -> float:
     Parameters
     ----------
     pyramids : sequence of Pyramid
-        One image, or both eyes, whose coefficients are then taken together.
+        One image, or both cameras, whose coefficients are then taken together.
 
     Returns
     -------

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from uw_recon_ros.errors import CalibrationError, EstimationError
-from uw_recon_ros.findings import Code, Finding, Severity
+from uw_recon_ros.findings import Code, Finding, Severity, worst
 from uw_recon_ros.rectify.params import RectifyParams
 from uw_recon_ros.rectify.rectification import Rectification, behind, exchanged
 from uw_recon_ros.rectify.refraction_check import port_index
@@ -49,7 +49,7 @@ def _warped(
     views: tuple[View, View], size: tuple[int, int], geometry: Callable[[View, View], StereoGeometry],
     params: RectifyParams,
 ) -> Rectification:  # fmt: skip
-    """Both eyes keep the same columns, so that the offset stays what P says (0, most often)."""
+    """Both cameras keep the same columns, so that the offset stays what P says (0, most often)."""
     canvases = [make_canvas(view, *size, *size) for view in views]
     window, _ = inner_windows((canvases[0].shown, canvases[1].shown), same_columns=True)
     share = window.width * window.height / (size[0] * size[1])
@@ -68,14 +68,15 @@ def _warped(
 
 
 def _check_sides(rectification: Rectification, tie_points: TiePoints) -> None:
-    """Refuse images whose matches contradict the calibration: exchanged eyes."""
+    """Refuse images whose matches contradict the calibration: swapped cameras."""
     if exchanged(rectification, tie_points):
         found = behind(rectification, tie_points)
         parallax = np.nanmedian(rectification.parallax(tie_points)) * rectification.geometry.baseline_sign
         horizontal = rectification.geometry.axis == "horizontal"
         shown = "right camera on the left" if horizontal else "second camera on the other side"
         raise EstimationError(
-            f"exchanged eyes: expected disparities of the calibration's sign, got {found.mean():.0%} of {len(found)} "
+            "left and right images are swapped: expected disparities of the calibration's sign, got "
+            f"{found.mean():.0%} of {len(found)} "
             f"tie points behind the rig (median {parallax:.1f} px): the images show the {shown}; exchange the images, "
             "or the calibrations",
             Code.RECTIFY_EXCHANGED,
@@ -98,7 +99,7 @@ def judged(rectification: Rectification, tie_points: TiePoints, params: RectifyP
     Raises
     ------
     EstimationError
-        The eyes are exchanged.
+        The cameras are swapped.
     """
     _check_sides(rectification, tie_points)
     rows = RowAgreement.measured(rectification, tie_points)
@@ -117,7 +118,8 @@ def _warnings(
     rectification: Rectification, tie_points: TiePoints, rows: RowAgreement, params: RectifyParams
 ) -> tuple[Finding, ...]:
     findings = rows.findings(params)
-    if _of_calibration(rectification) or not rows.unreliable(params):  # a wrong resolution looks like water
+    wrong = worst(_of_calibration(rectification)) >= Severity.UNRELIABLE  # a wrong resolution looks like water
+    if wrong or not rows.unreliable(params):
         return findings
     found = port_index(tie_points, rectification.left, rectification.right, rectification.geometry.axis)
     if found is None or not found.water:
@@ -163,7 +165,7 @@ def rectification_from_calibration(
         Extrinsics are those of R and P; a rig whose D = 0, R = I and P = [K | ...] came rectified and stays as it is.
     params : RectifyParams
     tie_points : TiePoints or None
-        To measure the row error on, and to notice exchanged eyes or a calibration made in air.
+        To measure the row error on, and to notice swapped cameras or a calibration made in air.
     image_size : (width, height) or None
         Of the images, px, which the calibration must be for; None: not known here.
 
@@ -177,7 +179,7 @@ def rectification_from_calibration(
     CalibrationError
         The numbers do not describe a stereo rig.
     EstimationError
-        The tie points say that the eyes are exchanged.
+        The tie points say that left and right are swapped.
     """
     judgement = judged_rig(calibration, image_size)
     axis, baseline = judgement.axis, judgement.baseline_m

@@ -1,4 +1,4 @@
-"""Signs of uncalibrated disparities: exchanged eyes, the second camera above or below, points behind the rig."""
+"""Signs of uncalibrated disparities: swapped cameras, the second camera above or below, points behind the rig."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ _PARALLAX_LIMIT_PX = 0.5
 def _exchanged(parallax: Matrix, raw: Matrix) -> EstimationError:
     low, high = np.quantile(parallax, [0.05, 0.95])
     return EstimationError(
-        f"exchanged eyes: expected positive disparities, got {(parallax < 0).mean():.0%} of {len(parallax)} tie points "
+        "left and right images are swapped: expected positive disparities, got "
+        f"{(parallax < 0).mean():.0%} of {len(parallax)} tie points "
         f"negative ({low:.0f} to {high:.0f} px; raw images: median {np.median(raw):.0f} px): give the left camera's "
         "image as the left one, or turn both images by 180 degrees if the rig hung upside down",
         Code.RECTIFY_EXCHANGED,
@@ -31,7 +32,7 @@ def _check_parallax(parallax: Matrix) -> None:
     if largest < _PARALLAX_LIMIT_PX:
         raise EstimationError(
             f"no parallax: expected disparities over {_PARALLAX_LIMIT_PX:g} px, got up to {largest:.2f} px (95 % of "
-            f"{len(parallax)} tie points): both eyes show the same view",
+            f"{len(parallax)} tie points): both cameras show the same view",
             Code.RECTIFY_NO_PARALLAX,
         )
 
@@ -56,7 +57,7 @@ def sided(rectification: Rectification, candidate: Candidate) -> tuple[Rectifica
     Raises
     ------
     EstimationError
-        No parallax, or exchanged eyes.
+        No parallax, or swapped cameras.
     """
     points, geometry = candidate.everything, rectification.geometry
     parallax, raw = rectification.parallax(points), points.left[:, 0] - points.right[:, 0]

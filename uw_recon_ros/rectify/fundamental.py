@@ -119,7 +119,7 @@ def robust_inliers(left: Matrix, right: Matrix, threshold_px: float, seed: int) 
 
 
 def epipoles(fundamental: Matrix) -> tuple[Matrix, Matrix]:
-    """Homogeneous epipoles in the left and the right image: where each eye would see the other."""
+    """Homogeneous epipoles in the left and the right image: where each camera would see the other."""
     u, _, vt = np.linalg.svd(fundamental)
     return vt[2], u[:, 2]
 

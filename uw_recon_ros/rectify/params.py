@@ -59,7 +59,7 @@ class RectifyParams(Params):
     )
     tie_contrast: float = param(0.02, "Contrast threshold of SIFT: lower finds more in haze.", low=0.001, high=0.2)
     tie_features: int = param(
-        6000, "Features kept an eye, the strongest of each part of the image.", low=100, high=20_000
+        6000, "Features kept a camera, the strongest of each part of the image.", low=100, high=20_000
     )
     tie_ratio: float = param(
         0.85, "Largest ratio of the best to the second best descriptor distance.", low=0.5, high=0.99

@@ -3,9 +3,9 @@
 The quasi-Euclidean homographies stand for rotations, so that points at infinity should have disparity 0. They only
 approximate that plane: lens distortion, a principal point off the centre or little relief move it by several, sometimes
 tens of pixels (the angle between the optical axes is what is known worst). A wrong plane bends depth, and puts points
-behind the rig where it lies between them. That cannot be: what both eyes see lies in front. So the plane is moved, by
-as little as is needed, until the farthest tie points lie at most `DEPTH_RATIO` times as far as the nearest; water ends
-sight after some metres, so that they do. The disparity itself stays honest; only its offset is a guess.
+behind the rig where it lies between them. That cannot be: what both cameras see lies in front. So the plane is moved,
+by as little as is needed, until the farthest tie points lie at most `DEPTH_RATIO` times as far as the nearest; water
+ends sight after some metres, so that they do. The disparity itself stays honest; only its offset is a guess.
 """
 
 from __future__ import annotations

@@ -74,13 +74,13 @@ def homography_share(tie_points: TiePoints, threshold_px: float) -> float:
     return float((distance < threshold_px).mean())
 
 
-def _torn_or_bent(eye: str, distortion: Distortion, params: RectifyParams) -> list[str]:
+def _torn_or_bent(side: str, distortion: Distortion, params: RectifyParams) -> list[str]:
     low, high = 1 / params.aspect_limit, params.aspect_limit
     straight = abs(distortion.angle_deg - 90) <= params.angle_limit_deg
     if straight and low <= distortion.aspect <= high and low <= distortion.diagonals <= high:
         return []
     return [
-        f"the {eye} image would be distorted: expected aspect and diagonals {low:.2f} to {high:.2f} and an angle of "
+        f"the {side} image would be distorted: expected aspect and diagonals {low:.2f} to {high:.2f} and an angle of "
         f"90 +- {params.angle_limit_deg:g} deg, got {distortion}"
     ]
 
@@ -88,21 +88,21 @@ def _torn_or_bent(eye: str, distortion: Distortion, params: RectifyParams) -> li
 def forward_motion(fundamental: Matrix, tie_points: TiePoints) -> list[str]:
     """A sentence where an epipole lies in its image; else none."""
     size = tie_points.width, tie_points.height
-    for eye, epipole in zip(("left", "right"), epipoles(fundamental), strict=True):
+    for side, epipole in zip(("left", "right"), epipoles(fundamental), strict=True):
         if epipole_inside(epipole, *size):
             u, v = epipole[:2] / epipole[2]
             return [
-                f"forward motion: the epipole lies in the {eye} image, at ({u:.0f}, {v:.0f}) of {size[0]}x{size[1]} "
+                f"forward motion: the epipole lies in the {side} image, at ({u:.0f}, {v:.0f}) of {size[0]}x{size[1]} "
                 "px; expected cameras side by side or one above the other"
             ]
     return []
 
 
-def _rolled(eye: str, view: View) -> list[str]:
+def _rolled(side: str, view: View) -> list[str]:
     roll = float(np.degrees(np.arctan2(view.r[1, 0], view.r[0, 0])))
     if abs(roll) <= _ROLL_LIMIT_DEG:
         return []
-    return [f"the {eye} image would be turned by {roll:.0f} deg: is the baseline along the other axis (rig_axis)?"]
+    return [f"the {side} image would be turned by {roll:.0f} deg: is the baseline along the other axis (rig_axis)?"]
 
 
 def refusals(
@@ -134,9 +134,9 @@ def refusals(
             f"rows disagree: expected a 95th percentile of the row error up to {params.row_error_limit_px:g} px, got "
             f"{p95:.2f} px (median {median:.2f} px, {len(tie_points)} tie points)"
         )
-    for eye, view in zip(("left", "right"), views, strict=True):
+    for side, view in zip(("left", "right"), views, strict=True):
         shape = homography_distortion(view.homography, tie_points.width, tie_points.height)
-        reasons += _torn_or_bent(eye, shape, params) + _rolled(eye, view)
+        reasons += _torn_or_bent(side, shape, params) + _rolled(side, view)
     return reasons
 
 

@@ -1,8 +1,8 @@
 """Quasi-Euclidean rectification (paper 2.2): the homographies a calibrated rig would have, found from matches alone.
 
-``F = K^-T R_r^T [u1]x R_l K^-1`` (eq. 15) with one unknown focal length for both eyes, no skew, square pixels and the
-principal point in the image's centre (eq. 16) is fitted to tie points by their Sampson error (eq. 13). Everything here
-is for a horizontal baseline; a vertical rig comes in with rows and columns exchanged.
+``F = K^-T R_r^T [u1]x R_l K^-1`` (eq. 15) with one unknown focal length for both cameras, no skew, square pixels and
+the principal point in the image's centre (eq. 16) is fitted to tie points by their Sampson error (eq. 13). Everything
+here is for a horizontal baseline; a vertical rig comes in with rows and columns exchanged.
 
 References
 ----------

@@ -87,7 +87,7 @@ def behind(rectification: Rectification, tie_points: TiePoints) -> Mask:
 
 
 def exchanged(rectification: Rectification, tie_points: TiePoints) -> bool:
-    """Whether nearly all that both eyes see lies behind the rig: then they are exchanged."""
+    """Whether nearly all that both cameras see lies behind the rig: then they are exchanged."""
     found = behind(rectification, tie_points)
     return len(found) > 0 and bool(found.mean() >= _NEARLY_ALL)
 

@@ -1,4 +1,4 @@
-"""Tie points: matching points of both eyes, sub-pixel, without outliers, spread over the image."""
+"""Tie points: matching points of both cameras, sub-pixel, without outliers, spread over the image."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def find_tie_points(pair: EnhancedPair, params: RectifyParams, *, longest_side: 
     points_right, descriptors_right = find_features(right, params, _reduced_mask(hidden_right, right))
     if min(len(points_left), len(points_right)) < params.tie_points_min:
         raise EstimationError(
-            f"tie points: expected at least {params.tie_points_min} features an eye, got {len(points_left)} left and "
+            f"tie points: expected at least {params.tie_points_min} features a camera, got {len(points_left)} left and "
             f"{len(points_right)} right: the images show too little texture",
             Code.RECTIFY_TIE_POINTS,
         )
@@ -128,7 +128,7 @@ def find_tie_points(pair: EnhancedPair, params: RectifyParams, *, longest_side: 
         raise EstimationError(
             f"tie points: expected at least {params.tie_points_min} matches, a quarter of all, on one epipolar "
             f"geometry, got {inside.sum()} of {len(matches)} matches ({len(points_left)} features left, "
-            f"{len(points_right)} right): too little texture, or the eyes do not show the same scene",
+            f"{len(points_right)} right): too little texture, or the cameras do not show the same scene",
             Code.RECTIFY_TIE_POINTS,
         )
     return thinned(matches.take(inside), params.tie_points_max, params.rectify_seed)
@@ -162,5 +162,5 @@ def gathered(frames: Sequence[TiePoints]) -> TiePoints:
     sizes = {(t.width, t.height) for t in frames}
     if len(sizes) != 1:
         raise ValueError(f"frames: expected tie points of one image size, got {sorted(sizes)}")
-    left, right = (np.concatenate([getattr(t, eye) for t in frames]) for eye in ("left", "right"))
+    left, right = (np.concatenate([getattr(t, camera) for t in frames]) for camera in ("left", "right"))
     return TiePoints(left, right, *sizes.pop())

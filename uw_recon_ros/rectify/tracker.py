@@ -75,7 +75,9 @@ class _CalibratedRig:
             return
         try:
             judged(self._given, found, self._params)
-        except EstimationError:  # exchanged eyes: until they are seen to be right again, every frame is looked at first
+        except (
+            EstimationError
+        ):  # left and right images are swapped: until they are seen to be right again, every frame is looked at first
             self._frames.clear()
             raise
         self._frames.append(found)
@@ -205,7 +207,7 @@ class RigTracker:
         CalibrationError
             A calibration is wrong, of another image size, or required and missing.
         EstimationError
-            Nothing can be estimated yet, or the eyes are exchanged.
+            Nothing can be estimated yet, or left and right are swapped.
         """
         calibration = self._calibration(pair)
         cameras = (calibration.left, calibration.right) if calibration else ()
@@ -220,7 +222,7 @@ class RigTracker:
         Raises
         ------
         EstimationError
-            The eyes are exchanged, or the rig has moved and its new geometry cannot be estimated from this frame.
+            The cameras are swapped, or the rig has moved and its new geometry cannot be estimated from this frame.
         """
         if self._rig is not None:
             self._rig.watch(pair)

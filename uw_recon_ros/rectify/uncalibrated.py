@@ -172,7 +172,7 @@ def estimate_rectification(tie_points: TiePoints, params: RectifyParams) -> Rect
     Raises
     ------
     EstimationError
-        Too few tie points, forward motion, rows that disagree, distorted images, exchanged eyes; with the numbers.
+        Too few tie points, forward motion, rows that disagree, distorted images, swapped cameras; with the numbers.
     """
     if len(tie_points) < params.tie_points_min:
         raise EstimationError(

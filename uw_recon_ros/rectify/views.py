@@ -1,4 +1,4 @@
-"""The rectified view of one eye: how its pixels and those of the raw image are found from each other."""
+"""The rectified view of one camera: how its pixels and those of the raw image are found from each other."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _NEWTON_STEP = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """One eye, raw and rectified: ``x_rect = k_new @ r @ undistort(k^-1 @ x_raw)``.
+    """One camera, raw and rectified: ``x_rect = k_new @ r @ undistort(k^-1 @ x_raw)``.
 
     Parameters
     ----------

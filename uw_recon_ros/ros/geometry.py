@@ -52,7 +52,7 @@ def geometry_from_infos(left: CameraInfo, right: CameraInfo) -> StereoGeometry:
             f"got {p_left[across, 2]:g} and {p_right[across, 2]:g} px"
         )
     if axis == "horizontal" and shift > 0:
-        raise CalibrationError(f"rectified right camera_info: P[3]: expected < 0, got {shift:g} (exchanged eyes?)")
+        raise CalibrationError(f"rectified right camera_info: P[3]: expected < 0, got {shift:g} (swapped cameras?)")
     focal = float(p_left[along, along])
     unknown = math.isnan(shift) or shift == 0.0
     if not unknown:
@@ -70,13 +70,13 @@ def geometry_from_infos(left: CameraInfo, right: CameraInfo) -> StereoGeometry:
     )
 
 
-def _projection(eye: str, info: CameraInfo) -> Matrix:
+def _projection(side: str, info: CameraInfo) -> Matrix:
     p: Matrix = np.asarray(info.p, np.float64).reshape(3, 4)
     upright = p[0, 1] == 0 and p[1, 0] == 0 and p[2].tolist() == [0, 0, 1, 0]
     sound = upright and bool((np.abs(p[:2, :3]) <= _LARGEST_PX).all())  # NaN compares as false
     if not (sound and p[0, 0] > 0 and p[1, 1] > 0):
         raise CalibrationError(
-            f"rectified {eye} camera_info: expected P with focal lengths > 0, [fx 0 cx Tx; 0 fy cy Ty; 0 0 1 0], "
+            f"rectified {side} camera_info: expected P with focal lengths > 0, [fx 0 cx Tx; 0 fy cy Ty; 0 0 1 0], "
             f"got P = {p.ravel().tolist()}"
         )
     return p

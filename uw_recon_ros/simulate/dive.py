@@ -81,7 +81,7 @@ class Dive:
         )  # fmt: skip
         self._lamp = lamps.lamp_in_rig(params.lamp, self.water)
         self._snow = snows.make_snow(params.snow_per_m3, params.seed)
-        self._eyes = self._eye(0), self._eye(1)
+        self._cameras = self._camera(0), self._camera(1)
 
     @property
     def calibration(self) -> StereoCalibration:
@@ -93,7 +93,7 @@ class Dive:
         """Of the rectified views that the calibration defines."""
         return self.rig.geometry
 
-    def _eye(self, number: int) -> _Eye:
+    def _camera(self, number: int) -> _Eye:
         camera = self.calibration.right if number else self.calibration.left
         rotation = self.rig.right_from_left.T if number else np.eye(3)
         origin = self.rig.right_center if number else np.zeros(3)
@@ -130,68 +130,68 @@ class Dive:
     def _daylight(self) -> Matrix:
         return self.params.daylight * self.water.daylight
 
-    def _see(self, eye: _Eye, index: int, step: int = 1) -> tuple[Matrix, FloatImage]:
-        """Ranges and the light that arrives at one eye; every `step`-th pixel."""
+    def _see(self, view: _Eye, index: int, step: int = 1) -> tuple[Matrix, FloatImage]:
+        """Ranges and the light that arrives at one camera; every `step`-th pixel."""
         pose = self.pose(index)
-        directions = np.ascontiguousarray(eye.directions[::step, ::step] @ pose.rotation.T)
-        origin = pose.rotation @ eye.origin + pose.position
+        directions = np.ascontiguousarray(view.directions[::step, ::step] @ pose.rotation.T)
+        origin = pose.rotation @ view.origin + pose.position
         lamp = lamps.lamp_in_world(self._lamp, pose)
-        ranges, radiance = render(self.scene_at(index), lamp, self._daylight, origin, directions, eye.pixel * step)
-        return ranges, self._through_water(eye, ranges, radiance.astype(np.float32), index, step)
+        ranges, radiance = render(self.scene_at(index), lamp, self._daylight, origin, directions, view.pixel * step)
+        return ranges, self._through_water(view, ranges, radiance.astype(np.float32), index, step)
 
-    def _through_water(self, eye: _Eye, ranges: Matrix, radiance: FloatImage, index: int, step: int) -> FloatImage:
+    def _through_water(self, view: _Eye, ranges: Matrix, radiance: FloatImage, index: int, step: int) -> FloatImage:
         reach = ranges.astype(np.float32)
         light = forward_scatter(attenuate(radiance, reach, self.water), reach, self.water)
         light += daylight_veil(reach, self.water, self.params.daylight)
         if step == 1:
-            light += lamps.lamp_glow(eye.glow, ranges)
-            self._snow_into(light, eye, ranges, index)
+            light += lamps.lamp_glow(view.glow, ranges)
+            self._snow_into(light, view, ranges, index)
             return lens_blur(light, self.params.lens_blur_px)
         return light
 
-    def _snow_into(self, light: FloatImage, eye: _Eye, ranges: Matrix, index: int) -> None:
+    def _snow_into(self, light: FloatImage, view: _Eye, ranges: Matrix, index: int) -> None:
         in_rig = snows.snow_before(self._snow, self.pose(index), self.seconds(index))
-        in_eye = (in_rig - eye.origin) @ eye.rotation
-        kept = snows.visible(in_eye)
-        camera = self.calibration.right if eye.number else self.calibration.left
-        u, v = project(in_eye[kept], camera)
-        distances = np.linalg.norm(in_eye[kept], axis=1)
+        in_camera = (in_rig - view.origin) @ view.rotation
+        kept = snows.visible(in_camera)
+        camera = self.calibration.right if view.number else self.calibration.left
+        u, v = project(in_camera[kept], camera)
+        distances = np.linalg.norm(in_camera[kept], axis=1)
         sent = snows.snow_light(in_rig[kept], self._lamp, self._daylight)
         arriving = sent * np.exp(-distances[:, None] * self.water.attenuation)
         arriving += daylight_veil(distances.astype(np.float32), self.water, self.params.daylight)
-        arriving += lamps.glow_at(eye.glow, np.stack([u, v], axis=1), distances)
-        radii_px = camera.k[0, 0] * self._snow.radii[kept] / in_eye[kept, 2]
+        arriving += lamps.glow_at(view.glow, np.stack([u, v], axis=1), distances)
+        radii_px = camera.k[0, 0] * self._snow.radii[kept] / in_camera[kept, 2]
         pixels = np.stack([u, v], axis=1)
         snows.add_spots(light, ranges, pixels, distances, radii_px, arriving, self.params.distance_m)
 
     @cached_property
     def _exposure(self) -> float:
-        """One for all frames and both eyes, from a coarse look at the first."""
-        return exposure_of(self._see(self._eyes[0], 0, step=8)[1])
+        """One for all frames and both cameras, from a coarse look at the first."""
+        return exposure_of(self._see(self._cameras[0], 0, step=8)[1])
 
-    def _take(self, eye: _Eye, index: int) -> tuple[Matrix, RawImage]:
-        ranges, light = self._see(eye, index)
-        rng = np.random.default_rng([self.params.seed, 3, index, eye.number])
+    def _take(self, view: _Eye, index: int) -> tuple[Matrix, RawImage]:
+        ranges, light = self._see(view, index)
+        rng = np.random.default_rng([self.params.seed, 3, index, view.number])
         p = self.params
-        exposure = self._exposure * eye.gain * self.gain(index)
+        exposure = self._exposure * view.gain * self.gain(index)
         return ranges, expose(self.smear(light, index), exposure, rng, noise=p.noise, bits=p.bits, mono=p.mono)
 
     def frame(self, index: int) -> SimulatedFrame:
-        """Take the pair number `index`, from 0 on. Both eyes are worked on at the same time."""
+        """Take the pair number `index`, from 0 on. Both cameras are worked on at the same time."""
         _ = self._exposure
         with ThreadPoolExecutor(1) as pool:
-            other = pool.submit(self._take, self._eyes[1], index)
-            ranges, left = self._take(self._eyes[0], index)
+            other = pool.submit(self._take, self._cameras[1], index)
+            ranges, left = self._take(self._cameras[0], index)
             status = self._status(ranges, index)
             right = other.result()[1]
-        depth = np.where(np.isfinite(ranges), ranges * self._eyes[0].directions[..., 2], np.nan)
+        depth = np.where(np.isfinite(ranges), ranges * self._cameras[0].directions[..., 2], np.nan)
         return SimulatedFrame(left, right, depth.astype(np.float32), status, self.pose(index), self.stamp_ns(index))
 
     def _status(self, ranges: Matrix, index: int) -> ByteImage:
         """Which points of the raw left image the right camera cannot see, by looking from it."""
         status = np.zeros(ranges.shape, np.uint8)
         known = np.isfinite(ranges)
-        points = ranges[known][:, None] * self._eyes[0].directions[known]
+        points = ranges[known][:, None] * self._cameras[0].directions[known]
         in_right = (points - self.rig.right_center) @ self.rig.right_from_left.T
         u, v = project(in_right, self.calibration.right)
         p = self.params

@@ -94,7 +94,7 @@ def ranges_from_disparity(disparity: FloatImage, nearest_m: float) -> FloatImage
 
 
 def right_disparity(disparity: FloatImage) -> FloatImage:
-    """The right eye's disparity map, by moving the left one's pixels; the nearest wins, holes take their row's
+    """The right camera's disparity map, by moving the left one's pixels; the nearest wins, holes take their row's
     farther neighbour."""
     rows, columns = disparity.shape
     moved = np.full((rows, columns), -np.inf)
@@ -136,9 +136,9 @@ def drown_pair(
     daylight, noise : float
         As in `drown`.
     snow : int
-        Particles, seen by both eyes at their own disparities.
+        Particles, seen by both cameras at their own disparities.
     gain_difference : float
-        How much brighter the right eye is.
+        How much brighter the right camera is.
 
     Returns
     -------
@@ -149,11 +149,11 @@ def drown_pair(
     largest = float(np.nanmax(np.where(np.isfinite(disparity), disparity, np.nan)))
     flakes = _flakes(rng, snow, nearest_m, largest, (left.shape[0], left.shape[1]))
     lights = []
-    for eye, (image, d) in enumerate(zip((left, right), maps, strict=True)):
+    for view, (image, d) in enumerate(zip((left, right), maps, strict=True)):
         ranges = nearest_m * largest / np.where(np.isfinite(d) & (d > 0), d, np.nan)
         light = drown_light(to_light(image), ranges, water, daylight=daylight)
         if snow:
-            _snow(light, np.nan_to_num(ranges, nan=np.inf), flakes, eye, nearest_m * largest, water, daylight)
+            _snow(light, np.nan_to_num(ranges, nan=np.inf), flakes, view, nearest_m * largest, water, daylight)
         lights.append(light)
     gain = exposure_of(lights[0])
     taken_left = _taken(lights[0], left, rng, noise, gain)
@@ -161,21 +161,21 @@ def drown_pair(
 
 
 def _flakes(rng: np.random.Generator, count: int, nearest_m: float, largest: float, shape: tuple[int, int]) -> Matrix:
-    """u, v, distance and relative size of particles, evenly in the volume the left eye sees: (N, 4)."""
+    """u, v, distance and relative size of particles, evenly in the volume the left camera sees: (N, 4)."""
     far = 3.0 * nearest_m
     distance = far * np.cbrt(rng.uniform((0.25 * nearest_m / far) ** 3, 1.0, count))
-    margin = largest * nearest_m / distance  # the right eye sees what is beyond the left one's right edge
+    margin = largest * nearest_m / distance  # the right camera sees what is beyond the left one's right edge
     u = rng.uniform(0.0, 1.0, count) * (shape[1] + margin)
     v = rng.uniform(0.0, shape[0], count)
     return np.stack([u, v, distance, np.exp(0.45 * rng.standard_normal(count))], axis=1)
 
 
 def _snow(
-    light: FloatImage, ranges: Matrix, flakes: Matrix, eye: int, scale: float, water: Water, daylight: float
+    light: FloatImage, ranges: Matrix, flakes: Matrix, view: int, scale: float, water: Water, daylight: float
 ) -> None:
-    """Draw the particles into one eye; `scale` is distance times disparity."""
+    """Draw the particles into one camera; `scale` is distance times disparity."""
     distances = flakes[:, 2]
-    pixels = flakes[:, :2] - np.stack([eye * scale / distances, np.zeros(len(flakes))], axis=1)
+    pixels = flakes[:, :2] - np.stack([view * scale / distances, np.zeros(len(flakes))], axis=1)
     veil = daylight_veil(distances.astype(np.float32), water, daylight)
     arriving = 0.75 * np.exp(-distances[:, None] * water.attenuation) + veil
     focus = float(np.median(ranges[np.isfinite(ranges)]))

@@ -1,4 +1,4 @@
-"""What surfaces look like: solid textures with detail down to the pixel, so that both eyes see the same."""
+"""What surfaces look like: solid textures with detail down to the pixel, so that both cameras see the same."""
 
 from __future__ import annotations
 

@@ -56,7 +56,7 @@ class SimulateParams(Params):
     snow_per_m3: float = param(250.0, "Drifting particles.", unit="1/m3", low=0.0, high=10_000.0)
 
     noise: float = param(1.0, "Sensor noise; 1 is a small camera at moderate gain.", low=0.0, high=20.0)
-    gain_difference: float = param(0.0, "How much brighter the right eye is.", low=-0.9, high=9.0)
+    gain_difference: float = param(0.0, "How much brighter the right camera is.", low=-0.9, high=9.0)
     bits: int = param(8, "Of a colour channel: 8 or 16.", low=8, high=16)
     mono: bool = param(False, "Whether the cameras see no colour.")
 

@@ -1,4 +1,4 @@
-"""Marine snow: particles that drift through the water, each seen by both eyes where it is."""
+"""Marine snow: particles that drift through the water, each seen by both cameras where it is."""
 
 from __future__ import annotations
 

@@ -133,7 +133,7 @@ class Walk:
     def __init__(self, bag: BagReader, topics: StereoTopics, source: int, tolerance_ns: int, rigs: Rigs) -> None:
         self._bag, self._topics, self._source, self._rigs = bag, topics, source, rigs
         self._rectified = topics.rectified(rigs.images_rectified)
-        self._eyes = {topics.left: 0, topics.right: 1}
+        self._cameras = {topics.left: 0, topics.right: 1}
         self._infos = {topics.left_info: CameraInfoCache(), topics.right_info: CameraInfoCache()}
         self._synchronizer: Synchronizer[tuple[int, Place]] = Synchronizer(2, tolerance_ns)
         self._last_place = {name: Place(name, -1) for name in (topics.left, topics.right)}
@@ -167,13 +167,13 @@ class Walk:
         if len(message.data) < _STAMP.size:
             self._shapeless += 1
             return
-        eye = self._eyes[message.topic]
+        side = self._cameras[message.topic]
         big = message.data[1] == 0
         seconds, rest = (_BIG_STAMP if big else _STAMP).unpack_from(message.data)
         stamp = seconds * 1_000_000_000 + rest
-        self._counts[eye] += 1
-        self._lasts[eye] = stamp
-        for left, right in self._synchronizer.push(eye, stamp, (stamp, self._place(message))):
+        self._counts[side] += 1
+        self._lasts[side] = stamp
+        for left, right in self._synchronizer.push(side, stamp, (stamp, self._place(message))):
             self._pairs += 1
             yield Frame(0, self._source, left[0], left[1], right[1], self._rig())
         self._watch_gap()
@@ -209,7 +209,7 @@ class Walk:
             notes.append("images already rectified: described by P alone (images_rectified: no, where they are not)")
         if self._shapeless:
             notes.append(f"{self._shapeless} image messages too short to have a stamp")
-        for eye, count in zip(("left", "right"), self._counts, strict=True):
+        for side, count in zip(("left", "right"), self._counts, strict=True):
             if count > self._pairs > 0:
-                notes.append(f"{count - self._pairs} of {count} {eye} images have no partner")
+                notes.append(f"{count - self._pairs} of {count} {side} images have no partner")
         return notes

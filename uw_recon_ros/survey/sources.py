@@ -34,7 +34,7 @@ def list_stills(
     BagError
         The two folders do not go together.
     """
-    folders = eye_folders(Path(source.path))
+    folders = camera_folders(Path(source.path))
     if folders is None:
         raise BagError(f"{source.name}: expected the stills of both cameras in left/ and right/")
     left, right = (find_images(str(folder)) for folder in folders)
@@ -54,10 +54,10 @@ def _paired(
     common = numbered[0].keys() & numbered[1].keys()
     unique = len(numbered[0]) == len(left) and len(numbered[1]) == len(right)
     if unique and 2 * len(common) >= min(len(left), len(right)):
-        for eye, mine in zip(("left", "right"), numbered, strict=True):
+        for side, mine in zip(("left", "right"), numbered, strict=True):
             alone = [path.name for number, path in mine.items() if number not in common]
             if alone:
-                notes.append(f"{source.name}: {len(alone)} {eye} stills have no partner, first {alone[0]}")
+                notes.append(f"{source.name}: {len(alone)} {side} stills have no partner, first {alone[0]}")
         everything = sorted(numbered[0].keys() | numbered[1].keys())
         return [(numbered[0].get(number), numbered[1].get(number)) for number in everything]
     if len(left) != len(right):
@@ -70,7 +70,7 @@ def _by_number(paths: list[Path]) -> dict[int, Path]:
     return {int(digits[-1]): path for digits, path in found if digits}
 
 
-EYE_FOLDERS = (("left", "right"), ("cam0", "cam1"), ("camera0", "camera1"), ("l", "r"), ("0", "1"))
+CAMERA_FOLDERS = (("left", "right"), ("cam0", "cam1"), ("camera0", "camera1"), ("l", "r"), ("0", "1"))
 _BAG_SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
 _CALIBRATION = "calibration.yaml"
 _BLOCK = 1 << 20
@@ -140,13 +140,15 @@ def _source(path: Path) -> Source | None:
         is_bag = (path / "metadata.yaml").is_file() or any(f.name.endswith(_BAG_SUFFIXES) for f in path.iterdir())
     if is_bag:
         return Source("bag", str(path.absolute()), path.absolute().name)
-    return Source("stills", str(path.absolute()), path.absolute().name) if path.is_dir() and eye_folders(path) else None
+    return (
+        Source("stills", str(path.absolute()), path.absolute().name) if path.is_dir() and camera_folders(path) else None
+    )
 
 
-def eye_folders(path: Path) -> tuple[Path, Path] | None:
-    """The two folders that hold the stills of either eye."""
+def camera_folders(path: Path) -> tuple[Path, Path] | None:
+    """The two folders that hold the stills of either camera."""
     folders = {child.name.lower(): child for child in path.iterdir() if child.is_dir()}
-    for left, right in EYE_FOLDERS:
+    for left, right in CAMERA_FOLDERS:
         if left in folders and right in folders:
             return folders[left], folders[right]
     return None
@@ -165,8 +167,8 @@ def source_files(source: Source) -> list[Path]:
         return [path]
     if source.kind == "bag":
         return sorted((file for file in path.iterdir() if file.is_file()), key=natural_order)
-    eyes = eye_folders(path) or ()
-    stills = [file for folder in eyes for file in find_images(str(folder))]
+    sides = camera_folders(path) or ()
+    stills = [file for folder in sides for file in find_images(str(folder))]
     beside = calibration_file(source)
     return [*stills, beside] if beside else stills
 

@@ -85,14 +85,14 @@ class Probe(Node):  # type: ignore[misc]
     def observation(self) -> Observation:
         """Everything seen so far."""
         topics = {relative: self._topic(relative, name) for relative, name in self._resolved.items()}
-        infos = {eye: self._recorders.get(f"{eye}/camera_info") for eye in SIDES}
+        infos = {side: self._recorders.get(f"{side}/camera_info") for side in SIDES}
         clocks = [endpoint(end).node for end in self.get_publishers_info_by_topic("/clock")]
         names = [name for name in self.get_node_names() if not name.startswith(_TOOLS)]
         here = self.get_namespace()
         return Observation(
             namespace=here, seconds=self.seconds, topics=topics, others=self._others(), nodes=self._nodes(),
             elsewhere=tuple(f"{space.rstrip('/')}/{name}" for name, space in self.our_nodes() if space != here),
-            infos={eye: camera_numbers(r.last) for eye, r in infos.items() if r is not None and r.count},
+            infos={side: camera_numbers(r.last) for side, r in infos.items() if r is not None and r.count},
             clock=ClockSight(tuple(clocks), len(self._ticks), *(self._ticks[:1] + self._ticks[-1:])),
             surroundings=Surroundings(**{**vars(self._around), "nodes_seen": len(names)}),
         )  # fmt: skip
