@@ -43,7 +43,7 @@ def sailing(trial: SeaTrial) -> Iterator[None]:
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
-def test_an_camera_stops_and_comes_back(trial: SeaTrial, side: str) -> None:
+def test_a_camera_stops_and_comes_back(trial: SeaTrial, side: str) -> None:
     other = {"left": RIGHT, "right": LEFT}[side]
     trial.sail_until(
         lambda: trial.complains("preprocess_node", f"/{side}/image_raw", "a publisher, but no messages"),

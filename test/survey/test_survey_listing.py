@@ -122,7 +122,7 @@ def test_a_bag_cut_short_says_so(tmp_path: Path) -> None:
     assert any("cut short" in note for note in listing.notes)
 
 
-def test_an_camera_that_stops_is_named(tmp_path: Path) -> None:
+def test_a_camera_that_stops_is_named(tmp_path: Path) -> None:
     listing = assert_same_pairs(FORMS["one camera stops"](tmp_path))
     assert any("6 of 12 left images have no partner" in note for note in listing.notes), listing.notes
 
