@@ -35,8 +35,9 @@ format: $(VENV)/.ready  ## let ruff format the code
 bench: $(VENV)/.ready  ## all benchmarks; leaves bench_out/
 	$(BIN)/python test/benchmark/run_all.py --output bench_out
 
-bench-model: $(VENV)/.ready  ## trajectories of simulated dives against the truth
+bench-model: $(VENV)/.ready  ## trajectories and surfaces of simulated dives against the truth
 	$(BIN)/python test/benchmark/dive_model.py
+	$(BIN)/python test/benchmark/dive_surface.py
 
 docs: $(VENV)/.ready  ## write config/PARAMETERS.md, default.yaml, docs/topics.md and security/policy.xml from the code
 	$(BIN)/python tools/write_parameters.py

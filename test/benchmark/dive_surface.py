@@ -17,6 +17,7 @@ SMALL = ("--width", "320", "--height", "240")
 #: Name: options of ``uw_recon simulate``, of ``uw_recon model``.
 DIVES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "line (320x240)": (("--track", "line", "--frames", "8", *SMALL), ()),
+    "line (640x480)": (("--track", "line", "--frames", "8"), ()),
     "lawn-mower (320x240)": (("--track", "lawnmower", "--leg-m", "1.2", "--frames", "24", *SMALL), ()),
     "lawn-mower, two views at least": (
         ("--track", "lawnmower", "--leg-m", "1.2", "--frames", "24", *SMALL),
