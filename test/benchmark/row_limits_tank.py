@@ -71,9 +71,8 @@ def judge(rig: StereoCalibration, pairs: list[tuple[Path, Path]], what: str) -> 
             rows = RowAgreement.measured(rectification, found)
             codes = ", ".join(f.code.value for f in judged(rectification, found, params).quality.warnings) or "agrees"
             share = 1e3 * rows.median_px / rows.diagonal_px
-            print(
-                f"| {what} | {left.name} | {rows.points} | {rows.median_px:.2f} | {rows.noise_px:.2f} | {share:.2f} | {codes} |"
-            )
+            numbers = f"{rows.points} | {rows.median_px:.2f} | {rows.noise_px:.2f} | {share:.2f}"
+            print(f"| {what} | {left.name} | {numbers} | {codes} |")
 
 
 def main() -> None:
