@@ -20,7 +20,8 @@ class Source:
         topics = ["left/image_raw", "right/image_raw"]
         topics += [f"rectified/{side}/{kind}" for kind in ("image_rect", "camera_info") for side in ("left", "right")]
         self._senders = {topic: graph.bench.talk(kinds[topic.split("/")[-1]], topic) for topic in topics}
-        self._image = np.tile(texture(400, 500), (4, 4, 1))
+        left = np.tile(texture(400, 500), (4, 4, 1))
+        self._images = {"left": left, "right": np.roll(left, -8, axis=1)}
         self._sent = 0
 
     def connect(self, kind: str = "") -> None:
@@ -34,8 +35,9 @@ class Source:
         for topic, sender in self._senders.items():
             if "camera_info" in topic:
                 info = left_right["right" in topic]
-                info.height, info.width = self._image.shape[:2]
+                info.height, info.width = self._images["left"].shape[:2]
                 sender.publish(info)
             else:
-                sender.publish(color(self._image, stamp) if "raw" in topic else mono(self._image[..., 0], stamp))
+                image = self._images["right" if "right" in topic else "left"]
+                sender.publish(color(image, stamp) if "raw" in topic else mono(image[..., 0], stamp))
         self._graph.bench.spin_for(0.3)

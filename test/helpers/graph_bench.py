@@ -18,7 +18,7 @@ from std_srvs.srv import Trigger
 
 from helpers.ros_bench import Bench, meet
 
-LIMIT_S = 900.0  # on hanging; no verdict on speed
+LIMIT_S = 300.0  # on hanging; no verdict on speed
 FOUR = ("preprocess_node", "rectify_node", "disparity_node", "point_cloud_node")
 #: What one stage has for the next.
 BETWEEN = (

@@ -50,7 +50,7 @@ from sensor_msgs.msg import CameraInfo, Image  # noqa: E402
 
 from uw_recon_ros.ros import fastdds, messages  # noqa: E402
 
-LIMIT_S = 600.0  # on hanging; no verdict on speed
+LIMIT_S = 300.0  # on hanging; no verdict on speed
 FRAME = "rov_left_optical_frame"
 
 fastdds.prepare()
