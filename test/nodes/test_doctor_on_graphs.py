@@ -276,7 +276,7 @@ def test_exchanged_cameras(bench: Bench, rig: Rig, examine: Any) -> None:
     bench.start(PreprocessNode)
     bench.start(RectifyNode)
     line = cause(examine("refuses"))
-    assert "/rectify_node refuses every frame: swapped cameras" in line
+    assert "/rectify_node refuses every frame: left and right images are swapped" in line
     assert "exchange the topics" in line
 
 

@@ -262,7 +262,7 @@ def test_exchanged_cameras_are_noticed(bench: Bench) -> None:
     upstream.images(SECOND, RIGHT, LEFT)
     bench.spin_until(lambda: node.diagnostics.drops)
     assert node.diagnostics.drops == {"EstimationError": 1}
-    assert "exchanged" in node.diagnostics.tick("x").message
+    assert "left and right images are swapped" in node.diagnostics.tick("x").message
 
 
 def test_images_without_texture_cost_the_frame(bench: Bench) -> None:

@@ -116,7 +116,7 @@ def test_a_left_camera_with_an_offset_of_its_own() -> None:
         (lambda left, right: left.p.fill(0.0), "left camera_info: expected P with focal lengths > 0"),
         (lambda left, right: right.p.put(0, 90.0), "equal focal lengths in P, got 100 and 90"),
         (lambda left, right: right.p.put(6, 9.0), "got 1 and 9 px"),
-        (lambda left, right: right.p.put(3, 10.0), "exchanged"),
+        (lambda left, right: right.p.put(3, 10.0), "swapped"),
         (lambda left, right: right.p.put(7, -3.0), "a horizontal or a vertical baseline"),
         (lambda left, right: right.p.put(3, -math.inf), "a horizontal or a vertical baseline"),
         (lambda left, right: left.p.put(2, math.nan), "P with focal lengths"),
