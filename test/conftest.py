@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import signal
 import subprocess
 import sys
 
@@ -13,6 +14,8 @@ from hypothesis import settings
 # In CI the same examples every time; elsewhere others each time, and a failure prints how to see it again.
 settings.register_profile("ci", derandomize=True, deadline=None)
 settings.register_profile("default", deadline=None, print_blob=True)
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell's background has it; processes under test inherit it
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 settings.load_profile("ci" if os.environ.get("CI") else "default")
 
 if importlib.util.find_spec("rclpy") is None:  # Python without ROS 2: the core is tested, nodes are not

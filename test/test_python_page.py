@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import doctest
+import importlib
 import inspect
 import subprocess
 import sys
@@ -48,7 +49,7 @@ def test_what_is_typed_is_what_is_found() -> None:
     assert sorted(places) == sorted(uw.__all__)
     assert set(uw.__all__) <= set(dir(uw))
     for name, module in places.items():
-        here = getattr(sys.modules[str(module)], name)
+        here = getattr(importlib.import_module(str(module)), name)
         assert getattr(uw, name) is (sys.modules[f"uw_recon_ros.{name}"] if name in ROOMS else here)
         assert inspect.getdoc(here), name
     with pytest.raises(AttributeError, match="no attribute 'nonsense'"):

@@ -118,7 +118,7 @@ def test_exchanged_cameras_raise_every_time(frames):
     tracker = RigTracker(PARAMS)
     swapped = enhanced(frames[0].right, frames[0].left)
     for _ in range(2):
-        with pytest.raises(EstimationError, match="swapped cameras"):
+        with pytest.raises(EstimationError, match="left and right images are swapped"):
             tracker.update(swapped)
 
 
@@ -153,7 +153,7 @@ def test_calibrated_exchanged_cameras_raise_every_time(frames):
     tracker = RigTracker(PARAMS)
     swapped = with_calibration(enhanced(frames[0].right, frames[0].left), calibration_of(RIG))
     for _ in range(3):
-        with pytest.raises(EstimationError, match="swapped cameras"):
+        with pytest.raises(EstimationError, match="left and right images are swapped"):
             tracker.update(swapped)
 
 
@@ -175,7 +175,7 @@ def test_cameras_exchanged_midway_are_refused_until_they_are_right_again(frames,
         try:
             see(enhanced(frame.right, frame.left))
         except EstimationError as error:
-            return "swapped cameras" in str(error)
+            return "left and right images are swapped" in str(error)
         return False
 
     for frame in frames:
