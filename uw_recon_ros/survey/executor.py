@@ -16,6 +16,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
+from multiprocessing import resource_tracker
 from multiprocessing.connection import wait as wait_for
 from multiprocessing.context import BaseContext
 from typing import Any, Generic, Protocol, TypeVar
@@ -184,6 +185,7 @@ def _environment(values: dict[str, str]) -> Iterator[None]:
 @contextmanager
 def _deaf() -> Iterator[None]:
     """Hold SIGINT back here, and for good in processes started meanwhile: Ctrl-C reaches them while they still load."""
+    resource_tracker.ensure_running()  # its start lets SIGINT through again, so it comes first
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
