@@ -72,7 +72,7 @@ def test_every_argument_is_described_and_used() -> None:
     names = re.findall(r'Argument\("(\w+)"', text)
     assert len(names) == len(set(names)) >= 18
     for name in names:
-        side = re.sub(r"^(left|right)", "{camera}", name)
+        side = re.sub(r"^(left|right)", "{side}", name)
         assert f'given["{name}"]' in text or f'given[f"{side}"]' in text
 
 
