@@ -184,8 +184,30 @@ def _environment(values: dict[str, str]) -> Iterator[None]:
 
 @contextmanager
 def _deaf() -> Iterator[None]:
-    """Hold SIGINT back here, and for good in processes started meanwhile: Ctrl-C reaches them while they still load."""
+    """Put SIGINT off here, and hold it back for good in processes started meanwhile: it reaches them as they load.
+
+    A process whose start was broken off would be known to nobody, and complain of what its parent took away.
+    """
     resource_tracker.ensure_running()  # its start lets SIGINT through again, so it comes first
+    handler, came = signal.getsignal(signal.SIGINT), threading.Event()
+    if handler is None or threading.current_thread() is not threading.main_thread():  # which alone is interrupted
+        with _blocked():
+            yield
+        return
+    signal.signal(
+        signal.SIGINT, lambda number, frame: came.set()
+    )  # any thread may be sent it, whatever this one blocks
+    try:
+        with _blocked():
+            yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+        if came.is_set():
+            signal.raise_signal(signal.SIGINT)
+
+
+@contextmanager
+def _blocked() -> Iterator[None]:
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
