@@ -11,12 +11,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import yaml
 from ament_index_python.packages import get_package_share_directory
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch_ros.actions import Node
 
 from launch import LaunchContext, LaunchDescription
+from uw_recon_ros import strict_yaml
 from uw_recon_ros.params import read_parameter_file
 
 PACKAGE = "uw_recon_ros"
@@ -101,8 +101,8 @@ def check(given: dict[str, str]) -> None:
 
 def overrides(text: str) -> dict[str, Any]:
     try:
-        values = yaml.safe_load(text) or {}
-    except yaml.YAMLError:
+        values = strict_yaml.load(text) or {}
+    except strict_yaml.YamlError:
         values = None
     if not isinstance(values, dict):
         raise RuntimeError(f"overrides: expected a YAML mapping, e.g. '{{max_disparity: 63}}', got {text!r}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,7 +14,7 @@ from uw_recon_ros.calibration import read_calibration
 from uw_recon_ros.calibration.judge import judge_depths
 from uw_recon_ros.errors import EstimationError, ReconError
 from uw_recon_ros.evaluate import check_disparity_format, write_disparity, write_pfm
-from uw_recon_ros.files.atomic import write_bytes
+from uw_recon_ros.files.atomic import finite, write_bytes
 from uw_recon_ros.findings import Code, Severity, severe, worst
 from uw_recon_ros.given_pair import ready_to_match, stereo_pair
 from uw_recon_ros.images import read_image, write_image
@@ -44,25 +43,21 @@ def read_pair(left: str | Path, right: str | Path, calibration: str | Path | Non
     return stereo_pair(*images, read_calibration(calibration) if calibration else None, f"{left}, {right}")
 
 
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
-
-
 def _report(result: Products) -> Report:
     quality, disparity = result.rectified.quality, result.disparity
     findings = severe(result.enhanced.findings) + quality.warnings + judge_depths(result.depth)
     return {
         "rectification": {
             "method": quality.method,
-            "row_error_median_px": _finite(quality.row_error_median_px),
-            "row_error_p95_px": _finite(quality.row_error_p95_px),
+            "row_error_median_px": finite(quality.row_error_median_px),
+            "row_error_p95_px": finite(quality.row_error_p95_px),
             "inliers": quality.inliers,
             "refused": None,
             "warnings": [str(finding) for finding in quality.warnings],
         },
         "matching": {
             "method": disparity.method,
-            "energy": _finite(disparity.energy),
+            "energy": finite(disparity.energy),
             "seconds": result.stages_seconds["match"],
             "density": disparity.density,
             "min_disparity": disparity.min_disparity,
@@ -232,7 +227,7 @@ def match_files(
     return {
         "method": result.method,
         "effort": params.effort if params.method == "graph_cut" else None,
-        "energy": _finite(result.energy),
+        "energy": finite(result.energy),
         "seconds": timed.seconds["match"],
         "density": result.density,
         "min_disparity": result.min_disparity,

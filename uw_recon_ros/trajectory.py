@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from uw_recon_ros.errors import TrajectoryError
 from uw_recon_ros.files.atomic import write_bytes
-from uw_recon_ros.types import Matrix
+from uw_recon_ros.types import ByteImage, FloatImage, Matrix, StereoGeometry
 
 _CSV_HEAD = "stamp_ns,x,y,z,qx,qy,qz,qw,status,segment"
 _UPPER = np.triu_indices(6)
@@ -32,6 +32,27 @@ class PoseStatus(IntEnum):
     def __str__(self) -> str:
         """The name as it stands in files."""
         return self.name.lower()
+
+
+@dataclass(frozen=True, eq=False)
+class DisparityFrame:
+    """One frame of a dive, as far as track, fusion and maps need it.
+
+    Parameters
+    ----------
+    stamp_ns : int
+    left : (H, W, 3) or (H, W) uint8
+        Enhanced left rectified view; RGB where its colours are wanted.
+    disparity, sigma : (H, W) float32
+        px; NaN = invalid.
+    geometry : StereoGeometry
+    """
+
+    stamp_ns: int
+    left: ByteImage
+    disparity: FloatImage
+    sigma: FloatImage
+    geometry: StereoGeometry
 
 
 @dataclass(frozen=True, eq=False)

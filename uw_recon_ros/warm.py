@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from importlib.util import find_spec
 from pathlib import Path
 
 from uw_recon_ros.jit import CACHE_DIRECTORY, CacheUse, cache_use, is_cold
@@ -27,9 +26,7 @@ def warm_up() -> CacheUse:
 
 def tell_if_cold(say: Callable[[str], None], methods: Iterable[str] = METHODS) -> None:
     """Say what the first call of these matching methods after an installation waits for."""
-    spec = find_spec("uw_recon_ros.match")
-    assert spec is not None
-    folder = Path(str(spec.origin)).parent
+    folder = Path(__file__).parent / "match"
     if any(is_cold(folder / _KERNELS[method]) for method in methods):
         kept = f"kept in {CACHE_DIRECTORY}" if CACHE_DIRECTORY else "every time: no directory can be written"
         say(f"compiling the kernels: half a minute or more, {'this once, ' if CACHE_DIRECTORY else ''}{kept}")

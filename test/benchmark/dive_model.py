@@ -17,8 +17,7 @@ from uw_recon_ros.evaluate_trajectory import trajectory_errors
 from uw_recon_ros.locate.estimate import Located, estimate_trajectory
 from uw_recon_ros.locate.params import LocateParams
 from uw_recon_ros.locate.priors import priors_from_trajectory
-from uw_recon_ros.locate.walk import Frame
-from uw_recon_ros.trajectory import Trajectory, trajectory_of
+from uw_recon_ros.trajectory import DisparityFrame, Trajectory, trajectory_of
 
 SMALL = {"width": 480, "height": 360}
 LOOPS = {"track": "lawnmower", "leg_m": 1.2}
@@ -37,8 +36,8 @@ DIVES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
 FALSE_M = 0.05  # a relation farther from the truth is wrong
 
 
-def tracked(frames: list[DiveFrame]) -> list[Frame]:
-    return [Frame(f.stamp_ns, f.left, f.disparity, f.sigma, f.geometry) for f in frames]
+def tracked(frames: list[DiveFrame]) -> list[DisparityFrame]:
+    return [DisparityFrame(f.stamp_ns, f.left, f.disparity, f.sigma, f.geometry) for f in frames]
 
 
 def true_way(frames: list[DiveFrame]) -> Trajectory:

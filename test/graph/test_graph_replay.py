@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers.graph_bench import FOUR
-from helpers.ros_bench import BASELINE, FOCAL, FRAME, banded_pair, color, infos
+from helpers.ros_bench import BASELINE, FOCAL, FRAME, banded_pair, color, infos, infos_from_geometry
 from helpers.ros_bench import HEIGHT as H
 from helpers.ros_bench import WIDTH as W
 from rclpy.serialization import serialize_message
@@ -23,7 +23,6 @@ from uw_recon_ros.bags.writer import BagWriter
 from uw_recon_ros.images import read_image
 from uw_recon_ros.pipeline import Pipeline, PipelineParams, Products
 from uw_recon_ros.ros import messages
-from uw_recon_ros.ros.geometry import infos_from_geometry
 from uw_recon_ros.types import StereoGeometry
 
 pytestmark = [pytest.mark.graph, pytest.mark.timeout(3600)]

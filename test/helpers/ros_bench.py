@@ -48,6 +48,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy  # noqa: E402
 from rclpy.signals import SignalHandlerOptions  # noqa: E402
 from sensor_msgs.msg import CameraInfo, Image  # noqa: E402
 
+from uw_recon_ros.messages.cameras import rectified_cameras  # noqa: E402
 from uw_recon_ros.ros import fastdds, messages  # noqa: E402
 
 LIMIT_S = 300.0  # on hanging; no verdict on speed
@@ -196,9 +197,14 @@ def banded_pair(seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
     return left, right
 
 
+def infos_from_geometry(geometry: Any, size: tuple[int, int], head: Any) -> tuple[CameraInfo, CameraInfo]:
+    """Both rectified views, of `size` (width, height) px."""
+    left, right = (messages.camera_info_message(camera, head) for camera in rectified_cameras(geometry, size))
+    return left, right
+
+
 def infos(stamp_ns: int, *, metric: bool = True, baseline_m: float = BASELINE) -> tuple[CameraInfo, CameraInfo]:
     """Two ideal cameras side by side that fit `banded_pair`."""
-    from uw_recon_ros.ros.geometry import infos_from_geometry
     from uw_recon_ros.types import StereoGeometry
 
     cx, cy = (WIDTH - 1) / 2, (HEIGHT - 1) / 2

@@ -15,16 +15,15 @@ from uw_recon_ros.evaluate_trajectory import trajectory_errors
 from uw_recon_ros.findings import Code
 from uw_recon_ros.locate.estimate import Located, estimate_trajectory
 from uw_recon_ros.locate.priors import Priors, priors_from_trajectory
-from uw_recon_ros.locate.walk import Frame
 from uw_recon_ros.simulate import CourseParams, SimulateParams, SurveyDive
 from uw_recon_ros.simulate.params import defaults_on
-from uw_recon_ros.trajectory import PoseStatus, Trajectory, pose_matrix, trajectory_of
+from uw_recon_ros.trajectory import DisparityFrame, PoseStatus, Trajectory, pose_matrix, trajectory_of
 
 SIZE = (240, 180)
 
 
 @cache
-def dive(bottom: str = "objects") -> tuple[tuple[Frame, ...], Trajectory]:
+def dive(bottom: str = "objects") -> tuple[tuple[DisparityFrame, ...], Trajectory]:
     """Ten frames on a line: rectified left pictures, true disparity with noise, true poses of the rectified view."""
     params = SimulateParams.from_mapping(defaults_on("line") | {"width": SIZE[0], "height": SIZE[1], "frames": 10})
     made = SurveyDive(params, CourseParams(track="line", bottom=bottom))
@@ -35,18 +34,18 @@ def dive(bottom: str = "objects") -> tuple[tuple[Frame, ...], Trajectory]:
         noise = 0.1 * np.random.default_rng(k).standard_normal(SIZE[::-1]).astype(np.float32)
         disparity = made.true_disparity(k, made.geometry, *SIZE) + noise
         left = np.asarray(cv2.remap(taken.left, *maps, cv2.INTER_CUBIC), np.uint8)
-        frames.append(Frame(taken.stamp_ns, left, disparity, np.full_like(disparity, 0.1), made.geometry))
+        frames.append(DisparityFrame(taken.stamp_ns, left, disparity, np.full_like(disparity, 0.1), made.geometry))
         turn = np.array(made.geometry.rect_from_raw_left).T
         poses.append(pose_matrix(taken.pose.position, taken.pose.rotation @ turn))
     return tuple(frames), trajectory_of([frame.stamp_ns for frame in frames], np.array(poses))
 
 
-def blind(frame: Frame) -> Frame:
+def blind(frame: DisparityFrame) -> DisparityFrame:
     """A frame whose picture is black; its disparity stays."""
     return dataclasses.replace(frame, left=np.zeros_like(frame.left))
 
 
-def deaf(frame: Frame) -> Frame:
+def deaf(frame: DisparityFrame) -> DisparityFrame:
     """A frame of which nothing is known."""
     return dataclasses.replace(blind(frame), disparity=np.full_like(frame.disparity, np.nan))
 

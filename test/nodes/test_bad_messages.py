@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers import bad_messages as bad
-from helpers.ros_bench import FRAME, LIMIT_S, Bench, color, mono, texture
+from helpers.ros_bench import FRAME, LIMIT_S, Bench, color, infos_from_geometry, mono, texture
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from rclpy.serialization import serialize_message
@@ -25,7 +25,6 @@ from uw_recon_ros.images import to_gray
 from uw_recon_ros.nodes import disparity_node, pipeline_node, point_cloud_node, preprocess_node, rectify_node
 from uw_recon_ros.ros import messages
 from uw_recon_ros.ros.diagnostics import NO_PARTNER, SUPERSEDED
-from uw_recon_ros.ros.geometry import infos_from_geometry
 from uw_recon_ros.types import StereoGeometry
 
 SECOND, MILLI = 1_000_000_000, 1_000_000

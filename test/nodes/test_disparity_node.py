@@ -7,7 +7,20 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from helpers.ros_bench import BANDS, BASELINE, FOCAL, FRAME, Bench, array, banded_pair, color, infos, mono, texture
+from helpers.ros_bench import (
+    BANDS,
+    BASELINE,
+    FOCAL,
+    FRAME,
+    Bench,
+    array,
+    banded_pair,
+    color,
+    infos,
+    infos_from_geometry,
+    mono,
+    texture,
+)
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image
 from stereo_msgs.msg import DisparityImage
@@ -16,7 +29,7 @@ from uw_recon_ros.images import to_gray
 from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.nodes.disparity_node import DisparityNode
 from uw_recon_ros.ros import messages
-from uw_recon_ros.ros.geometry import geometry_from_infos, infos_from_geometry
+from uw_recon_ros.ros.geometry import geometry_from_infos
 from uw_recon_ros.types import DisparityMap, RectificationQuality, RectifiedPair, StereoGeometry
 
 SECOND = 1_000_000_000

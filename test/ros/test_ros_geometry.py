@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from helpers.ros_bench import infos_from_geometry
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
@@ -16,7 +17,6 @@ from uw_recon_ros.messages.cameras import ideal_camera
 from uw_recon_ros.ros.geometry import (
     check_size,
     geometry_from_infos,
-    infos_from_geometry,
     window_from_info,
 )
 from uw_recon_ros.ros.messages import camera_info_message, header

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -47,9 +48,14 @@ def write_bytes(path: str | Path, data: bytes, *, durable: bool = False) -> None
         sync_folder(path.parent)
 
 
-def write_json(path: Path, content: Any) -> None:
-    """Write JSON durably, keys in the order given."""
-    write_bytes(path, (json.dumps(content, indent=2, allow_nan=False) + "\n").encode(), durable=True)
+def finite(value: float | None) -> float | None:
+    """A number as JSON holds it; None where it is none."""
+    return float(value) if value is not None and math.isfinite(value) else None
+
+
+def write_json(path: str | Path, content: Any, *, durable: bool = True) -> None:
+    """Write JSON, keys in the order given; see `finite` for numbers that are none, which are refused here."""
+    write_bytes(path, (json.dumps(content, indent=2, allow_nan=False) + "\n").encode(), durable=durable)
 
 
 def publish(staged: Mapping[Path, Path]) -> None:

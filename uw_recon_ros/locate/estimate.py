@@ -18,11 +18,11 @@ from uw_recon_ros.findings import Code, Finding, Severity
 from uw_recon_ros.locate.level import levelled
 from uw_recon_ros.locate.params import LocateParams
 from uw_recon_ros.locate.priors import Priors, anchors_at, fit_to, relative_guesses
-from uw_recon_ros.locate.walk import Frame, Link, Walk, first_poses, is_ambiguous, stretches, walk_frames
+from uw_recon_ros.locate.walk import Link, Walk, first_poses, is_ambiguous, stretches, walk_frames
 from uw_recon_ros.track.keypoints import RigError
 from uw_recon_ros.track.params import TrackParams
 from uw_recon_ros.track.relate import relate
-from uw_recon_ros.trajectory import PoseStatus, Trajectory
+from uw_recon_ros.trajectory import DisparityFrame, PoseStatus, Trajectory
 from uw_recon_ros.types import Matrix, StereoGeometry
 
 _LOOP_CHI2 = 40.0  # of 6; a loop farther from the graph than this is dropped
@@ -57,7 +57,7 @@ class Located:
 
 
 def estimate_trajectory(
-    frames: Iterable[Frame],
+    frames: Iterable[DisparityFrame],
     priors: Priors | None = None,
     params: LocateParams | None = None,
     track: TrackParams | None = None,
@@ -66,7 +66,7 @@ def estimate_trajectory(
 
     Parameters
     ----------
-    frames : iterable of Frame
+    frames : iterable of DisparityFrame
         In the order of time; each is looked at once.
     priors : Priors, optional
         Poses from outside, with how sure they are.
@@ -101,14 +101,14 @@ def estimate_trajectory(
     return Located(trajectory, found, numbers, tuple(kept), rig, applied)
 
 
-def _walked(frames: Iterable[Frame], priors: Priors | None, tracking: TrackParams) -> Walk:
+def _walked(frames: Iterable[DisparityFrame], priors: Priors | None, tracking: TrackParams) -> Walk:
     """Every frame looked at once, with a guess where priors know one."""
     if priors is None:
         walk = walk_frames(frames, tracking)
     else:
         stamps: list[int] = []
 
-        def noted() -> Iterator[Frame]:
+        def noted() -> Iterator[DisparityFrame]:
             for frame in frames:
                 stamps.append(frame.stamp_ns)
                 yield frame

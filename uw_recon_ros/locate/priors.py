@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -49,18 +48,6 @@ def priors_from_trajectory(
     """A trajectory from outside, e.g. a CSV file; `offset_ns` is added to its stamps."""
     information = np.diag(np.r_[np.full(3, position_sigma_m**-2.0), np.full(3, rotation_sigma_rad**-2.0)])
     return Priors(given.stamps_ns + offset_ns, given.poses, information)
-
-
-def depth_from_pressure(pascal: Matrix, *, surface_pa: float = 101_325.0, density: float = 1025.0) -> Matrix:
-    """Depth in m below the surface of absolute pressures in Pa."""
-    return np.asarray((np.asarray(pascal) - surface_pa) / (density * 9.80665), np.float64)
-
-
-def local_from_geographic(latitude: Matrix, longitude: Matrix, altitude: Matrix, start: Matrix) -> Matrix:
-    """(N, 3) east, north, up in m about `start` (latitude, longitude in degrees, altitude in m); good for some km."""
-    north = np.radians(np.asarray(latitude) - start[0]) * _EARTH_M
-    east = np.radians(np.asarray(longitude) - start[1]) * _EARTH_M * math.cos(math.radians(start[0]))
-    return np.asarray(np.stack([east, north, np.asarray(altitude) - start[2]], axis=1), np.float64)
 
 
 def _interpolated(stamps_ns: list[int], priors: Priors) -> tuple[NDArray[np.int64], Matrix]:

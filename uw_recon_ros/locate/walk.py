@@ -13,34 +13,14 @@ from uw_recon_ros.track.bridge import Relief, bridge, make_relief
 from uw_recon_ros.track.keypoints import Keypoints, find_keypoints
 from uw_recon_ros.track.params import TrackParams
 from uw_recon_ros.track.relate import RelativePose, relate, rival
-from uw_recon_ros.types import ByteImage, FloatImage, Matrix, StereoGeometry
+from uw_recon_ros.trajectory import DisparityFrame
+from uw_recon_ros.types import Matrix, StereoGeometry
 
 _BEFORE = 3  # frames back to which a relation is sought
 _LOOP_KEYPOINTS, _RIVAL_KEYPOINTS = 800, 700
 _FAR_SHARE, _WEAK_SHARE = 0.1, 0.3  # of the depth, of the usual inliers
 _LEAST_RIVAL = 10  # inliers; fewer are chance
 _CLEARLY = 0.33  # how much nearer to the guess the relation has to be than its rival
-
-
-@dataclass(frozen=True, eq=False)
-class Frame:
-    """What the track needs of a frame.
-
-    Parameters
-    ----------
-    stamp_ns : int
-    left : (H, W, 3) or (H, W) uint8
-        Enhanced left rectified view.
-    disparity, sigma : (H, W) float32
-        px; NaN = invalid.
-    geometry : StereoGeometry
-    """
-
-    stamp_ns: int
-    left: ByteImage
-    disparity: FloatImage
-    sigma: FloatImage
-    geometry: StereoGeometry
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +82,7 @@ class Walker:
         self._inliers: deque[int] = deque(maxlen=10)
         self._velocity: Matrix | None = None  # motion a frame, where it is known
 
-    def add(self, frame: Frame, prior: Matrix | None = None) -> None:
+    def add(self, frame: DisparityFrame, prior: Matrix | None = None) -> None:
         """Join the next frame; `prior` is its pose from outside relative to the one before, if known."""
         keypoints = find_keypoints(frame.left, frame.disparity, frame.sigma, self.params)
         relief = make_relief(frame.disparity, frame.sigma, frame.geometry)
@@ -119,7 +99,7 @@ class Walker:
         self._velocity = link.relation.motion if link is not None and link.first == index - 1 else None
         self._before.append(_Seen(index, keypoints, relief, pose))
 
-    def _keep(self, frame: Frame, keypoints: Keypoints) -> None:
+    def _keep(self, frame: DisparityFrame, keypoints: Keypoints) -> None:
         depth = frame.geometry.depth_from_disparity(frame.disparity[::8, ::8])
         known = depth[np.isfinite(depth)]
         self.walk.stamps_ns.append(frame.stamp_ns)
@@ -185,7 +165,9 @@ def is_ambiguous(
     return bool(missed > _CLEARLY * np.linalg.norm((guess - other)[:3, 3]))
 
 
-def walk_frames(frames: Iterable[Frame], params: TrackParams, priors: Iterator[Matrix | None] | None = None) -> Walk:
+def walk_frames(
+    frames: Iterable[DisparityFrame], params: TrackParams, priors: Iterator[Matrix | None] | None = None
+) -> Walk:
     """Join all frames."""
     walker = Walker(params)
     for frame in frames:

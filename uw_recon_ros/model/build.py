@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from uw_recon_ros.drape.from_above import Mosaic, elevation, grid_over
 from uw_recon_ros.drape.gains import gains_of
 from uw_recon_ros.errors import ModelError
-from uw_recon_ros.files.atomic import write_bytes
+from uw_recon_ros.files.atomic import write_bytes, write_json
 from uw_recon_ros.findings import Code, Finding, Severity, worst
 from uw_recon_ros.fuse.blocks import touched_blocks
 from uw_recon_ros.fuse.extract import FusedMesh
@@ -129,7 +128,7 @@ def _written(
         model = _segment(folder, shelf, located, part, how, cell_m, request.params)
         models.append({"segment": number, "folder": folder.relative_to(place).as_posix(), **model})
     made = _summary(shelf, located, models, how, request)
-    write_bytes(place / SUMMARY, (json.dumps(made, indent=2, allow_nan=False) + "\n").encode())
+    write_json(place / SUMMARY, made, durable=False)
     return made
 
 

@@ -12,9 +12,9 @@ import numpy as np
 from uw_recon_ros.errors import ModelError
 from uw_recon_ros.findings import Code
 from uw_recon_ros.fuse.blocks import View
-from uw_recon_ros.locate.walk import Frame
-from uw_recon_ros.survey.kept_frame import KEPT, KeptFrame, read_kept
+from uw_recon_ros.survey.kept_frame import KEPT, read_kept
 from uw_recon_ros.track.keypoints import RigError, constants
+from uw_recon_ros.trajectory import DisparityFrame
 from uw_recon_ros.types import Matrix
 
 
@@ -64,7 +64,7 @@ class Shelf:
         self.scales = Scales(float("nan"), float("nan"))
         self.read = lru_cache(maxsize=8)(lambda k: read_kept(self.paths[k]))
 
-    def walk(self) -> Iterator[Frame]:
+    def walk(self) -> Iterator[DisparityFrame]:
         """Each frame once, measured on the way; those of another scale or out of order are dropped."""
         kept, pixels, sigmas, last, metric = [], [], [], -1, self._metric()
         for path in self.paths:
@@ -77,7 +77,7 @@ class Shelf:
             pixel, sigma = _scales(frame)
             pixels.append(pixel)
             sigmas.append(sigma)
-            yield Frame(frame.stamp_ns, frame.left, frame.disparity, frame.sigma, frame.geometry)
+            yield frame
         self.paths = kept
         self.read.cache_clear()  # numbers mean other frames now
         self.scales = Scales(_median(pixels), _median(sigmas))
@@ -87,7 +87,7 @@ class Shelf:
 
     def view(self, k: int, pose: Matrix, error: RigError) -> View:
         """A frame as it is fused, the rig's error corrected."""
-        frame: KeptFrame = self.read(k)
+        frame: DisparityFrame = self.read(k)
         fx, fy, cx, cy, fb, offset = constants(frame.geometry, error)
         with np.errstate(divide="ignore", invalid="ignore"):
             depth = fb / (frame.disparity.astype(np.float64) + offset)
@@ -96,7 +96,7 @@ class Shelf:
         return View(depth.astype(np.float32), sigma.astype(np.float32), frame.left, pose, np.array([fx, fy, cx, cy]))
 
 
-def _scales(frame: KeptFrame) -> tuple[float, float]:
+def _scales(frame: DisparityFrame) -> tuple[float, float]:
     depth = frame.geometry.depth_from_disparity(frame.disparity[::4, ::4])
     sigma = frame.geometry.depth_sigma(depth, frame.sigma[::4, ::4])
     return _median(depth) / frame.geometry.focal_px, _median(sigma)

@@ -10,25 +10,16 @@ import math
 
 import numpy as np
 from sensor_msgs.msg import CameraInfo
-from std_msgs.msg import Header
 
 from uw_recon_ros.calibration.judge import SAME_FOCAL, SAME_ROW_PX, Judgement, is_rotation, judge_baseline
 from uw_recon_ros.errors import CalibrationError
-from uw_recon_ros.messages.cameras import rectified_cameras
-from uw_recon_ros.ros.messages import camera_info_message
 from uw_recon_ros.types import Axis, Matrix, StereoGeometry, Window
 
 _LARGEST_PX = 1e7  # what a focal length or a principal point may be
 
 
-def infos_from_geometry(geometry: StereoGeometry, size: tuple[int, int], head: Header) -> tuple[CameraInfo, CameraInfo]:
-    """Describe both rectified views, of `size` (width, height) px."""
-    left, right = (camera_info_message(camera, head) for camera in rectified_cameras(geometry, size))
-    return left, right
-
-
 def geometry_from_infos(left: CameraInfo, right: CameraInfo) -> StereoGeometry:
-    """Read what `infos_from_geometry`, or any other rectification node, wrote.
+    """Read what `messages.cameras.rectified_infos`, or any other rectification node, wrote.
 
     Raises
     ------

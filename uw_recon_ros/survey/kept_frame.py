@@ -14,31 +14,11 @@ from uw_recon_ros.errors import BagError, ReconError
 from uw_recon_ros.files.atomic import write_bytes
 from uw_recon_ros.pipeline import Products
 from uw_recon_ros.survey.packed import pack, unpack
-from uw_recon_ros.types import ByteImage, FloatImage, StereoGeometry
+from uw_recon_ros.trajectory import DisparityFrame
+from uw_recon_ros.types import FloatImage, StereoGeometry
 
 KEPT = "model_frames"
 _SUFFIX = ".frame"
-
-
-@dataclass(frozen=True, eq=False)
-class KeptFrame:
-    """One frame.
-
-    Parameters
-    ----------
-    stamp_ns : int
-    left : (H, W, 3) uint8
-        Enhanced left rectified view, RGB.
-    disparity, sigma : (H, W) float32
-        px; NaN = invalid, or taken out by the depth filter.
-    geometry : StereoGeometry
-    """
-
-    stamp_ns: int
-    left: ByteImage
-    disparity: FloatImage
-    sigma: FloatImage
-    geometry: StereoGeometry
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,15 +30,15 @@ class _Packed:
     geometry: StereoGeometry
 
 
-def kept_of(products: Products) -> KeptFrame:
+def kept_of(products: Products) -> DisparityFrame:
     """What is kept of all that came of a frame."""
     found = products.disparity
     there = np.isfinite(products.depth.depth) & np.isfinite(found.disparity)
     disparity, sigma = (np.where(there, x, np.float32(np.nan)) for x in (found.disparity, found.sigma))
-    return KeptFrame(products.depth.stamp_ns, products.rectified.left, disparity, sigma, products.depth.geometry)
+    return DisparityFrame(products.depth.stamp_ns, products.rectified.left, disparity, sigma, products.depth.geometry)
 
 
-def write_kept(path: str | Path, frame: KeptFrame) -> None:
+def write_kept(path: str | Path, frame: DisparityFrame) -> None:
     """Write it, the picture without loss; sigma has three digits."""
     done, picture = cv2.imencode(".png", cv2.cvtColor(frame.left, cv2.COLOR_RGB2BGR))
     if not done:
@@ -70,7 +50,7 @@ def write_kept(path: str | Path, frame: KeptFrame) -> None:
     write_bytes(path, zlib.compress(pack(packed), 3))
 
 
-def read_kept(path: str | Path) -> KeptFrame:
+def read_kept(path: str | Path) -> DisparityFrame:
     """Read what `write_kept` wrote.
 
     Raises
@@ -86,7 +66,7 @@ def read_kept(path: str | Path) -> KeptFrame:
     except (OSError, zlib.error, ValueError, KeyError, EOFError) as error:
         raise BagError(f"{path}: expected a frame that a survey kept, got: {error}") from error
     left = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8)
-    return KeptFrame(packed.stamp_ns, left, packed.disparity, packed.sigma.astype(np.float32), packed.geometry)
+    return DisparityFrame(packed.stamp_ns, left, packed.disparity, packed.sigma.astype(np.float32), packed.geometry)
 
 
 def kept_name(name: str) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 
 from uw_recon_ros.calibration.judge import judge_depths
 from uw_recon_ros.errors import EstimationError
+from uw_recon_ros.files.atomic import finite
 from uw_recon_ros.findings import Code, Finding, Severity, severe
 from uw_recon_ros.match.stage import Match
 from uw_recon_ros.pipeline import PipelineParams, Products, Stages
@@ -124,19 +125,15 @@ def describe(products: FrameProducts) -> dict[str, Any]:
         "status": UNRELIABLE if alarms else OK,
         "reason": "; ".join(alarms),
         "density": disparity.density,
-        "row_error_median_px": _finite(products.rows.median_px),
-        "row_error_p95_px": _finite(products.rows.p95_px),
-        **{f"depth_p{q:02d}": _finite(value) for q, value in zip(QUANTILES, quantiles, strict=True)},
+        "row_error_median_px": finite(products.rows.median_px),
+        "row_error_p95_px": finite(products.rows.p95_px),
+        **{f"depth_p{q:02d}": finite(value) for q, value in zip(QUANTILES, quantiles, strict=True)},
         "depth_density": float(valid.size / depth.depth.size),
         "scale": "metric" if depth.geometry.metric else "unknown",
         "min_disparity": disparity.min_disparity,
         "max_disparity": disparity.max_disparity,
         "method": disparity.method,
-        "energy": _finite(disparity.energy),
+        "energy": finite(disparity.energy),
         "rectification": products.rectified.quality.method,
         "findings": [finding.as_dict() for finding in severe(products.findings)],
     }
-
-
-def _finite(value: float | None) -> float | None:
-    return float(value) if value is not None and np.isfinite(value) else None

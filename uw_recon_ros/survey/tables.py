@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from uw_recon_ros.files.atomic import finite
 from uw_recon_ros.rectify.rectification import Rectification
 from uw_recon_ros.survey.products import QUANTILES
 from uw_recon_ros.survey.store import UNRELIABLE, Row, succeeded
@@ -141,8 +142,8 @@ def _rig(found: Rectification) -> dict[str, Any]:
     quality, geometry = found.quality, found.geometry
     return {
         "method": quality.method,
-        "row_error_median_px": _finite(quality.row_error_median_px),
-        "row_error_p95_px": _finite(quality.row_error_p95_px),
+        "row_error_median_px": finite(quality.row_error_median_px),
+        "row_error_p95_px": finite(quality.row_error_p95_px),
         "inliers": quality.inliers,
         "warnings": [str(finding) for finding in quality.warnings],
         "axis": geometry.axis,
@@ -152,7 +153,3 @@ def _rig(found: Rectification) -> dict[str, Any]:
         "width": found.width,
         "height": found.height,
     }
-
-
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None
