@@ -10,7 +10,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 _reserved: list[Any] = []
 
@@ -58,9 +58,17 @@ fastdds.prepare()
 
 
 class Bench:
-    """One context, one executor: the node under test and an outsider, spun by the test; on another domain if asked."""
+    """One context, one executor: the node under test and an outsider, spun by the test; on another domain if asked.
+
+    One bench a domain at a time: with a second one's publishers there, "has found its publisher" would not say which.
+    """
+
+    _domains: ClassVar[set[int]] = set()
 
     def __init__(self, domain: int | None = None) -> None:
+        self._domain = int(os.environ["ROS_DOMAIN_ID"]) if domain is None else domain
+        assert self._domain not in self._domains, "expected a domain without another bench; Bench(own_domain())"
+        self._domains.add(self._domain)
         self.context = Context()
         rclpy.init(context=self.context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
         self.executor = SingleThreadedExecutor(context=self.context)
@@ -123,6 +131,7 @@ class Bench:
         )
 
     def close(self) -> None:
+        self._domains.discard(self._domain)
         self.executor.shutdown()
         for node in self._started:
             if hasattr(node, "stop"):

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from helpers import consumers
 from helpers.consumers import COSTMAP, LATCHED, RELIABLE, SENSOR_DATA, Costmap, Frames, OctomapServer, xyz
-from helpers.ros_bench import Bench, color
+from helpers.ros_bench import Bench, color, own_domain
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from stereo_msgs.msg import DisparityImage
 from visualization_msgs.msg import Marker
@@ -66,7 +66,7 @@ class Heard:
     def __init__(self, axis: str, *, calibrated: bool = True, **parameters: Any) -> None:
         self.dive, frame = dive(axis)
         self.stamp_ns = frame.stamp_ns
-        self.bench = Bench()
+        self.bench = Bench(own_domain())  # several live at once
         node = self.bench.start(PipelineNode, **parameters)
         everything = {**METRIC, **RECTIFIED, "disparity": DisparityImage, "points_unscaled": PointCloud2}
         self.got: dict[tuple[str, str], list[Any]] = {}
