@@ -13,8 +13,8 @@ from rclpy.serialization import serialize_message
 
 from uw_recon_ros.bags.model import RawMessage
 from uw_recon_ros.bags.writer import BagWriter
+from uw_recon_ros.files.meshes import write_glb, write_ply
 from uw_recon_ros.progress import say
-from uw_recon_ros.reconstruct.export import write_glb, write_ply
 from uw_recon_ros.reconstruct.stage import Reconstruct, ReconstructParams
 from uw_recon_ros.report.numbers import measured, percent
 from uw_recon_ros.report.page import Section

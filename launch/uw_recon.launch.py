@@ -16,7 +16,7 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch_ros.actions import Node
 
 from launch import LaunchContext, LaunchDescription
-from uw_recon_ros import strict_yaml
+from uw_recon_ros.files import strict_yaml
 from uw_recon_ros.params import read_parameter_file
 
 PACKAGE = "uw_recon_ros"

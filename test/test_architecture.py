@@ -19,8 +19,8 @@ from uw_recon_ros.pipeline import PipelineParams, read_values
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "uw_recon_ros"
-NOUNS = {"", "types", "params", "errors", "images", "image_header", "calibration", "pairing", "jit", "progress"}
-NOUNS |= {"files", "lazy", "stopwatch", "bounds", "image_pair", "file_kinds", "strict_yaml", "system_errors"}
+NOUNS = {"", "types", "params", "errors", "images", "calibration", "pairing", "jit", "progress"}
+NOUNS |= {"files", "lazy", "stopwatch", "bounds", "image_pair", "system_errors"}
 NOUNS |= {"evaluate", "signals", "findings", "topics", "trajectory", "rigid", "evaluate_trajectory", "unseen"}
 STAGE_ROOMS = {"preprocess", "rectify", "match", "reconstruct"}
 NODE_PARAMS = {"node_params", "catalogue"}

@@ -8,8 +8,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from uw_recon_ros.calibration import camera_from_info, make_camera, read_calibration, write_calibration
+from uw_recon_ros.calibration import camera_from_info, make_camera
 from uw_recon_ros.errors import CalibrationError
+from uw_recon_ros.files.calibrations import read_calibration, write_calibration
 from uw_recon_ros.types import StereoCalibration
 
 FIELDS = {

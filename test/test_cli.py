@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from uw_recon_ros.calibration import write_calibration
 from uw_recon_ros.cli import main
 from uw_recon_ros.errors import ImageError
-from uw_recon_ros.evaluate import read_disparity, write_pfm
-from uw_recon_ros.images import read_image, write_image
+from uw_recon_ros.files.calibrations import write_calibration
+from uw_recon_ros.files.disparities import read_disparity, write_pfm
+from uw_recon_ros.files.images import read_image, write_image
 from uw_recon_ros.simulate import Dive, SimulatedFrame, SimulateParams
 
 DIVE = SimulateParams(width=256, height=192, frames=1, water="I", noise=0.2, snow_per_m3=0.0, distance_m=1.0)

@@ -18,8 +18,9 @@ import pytest
 from uw_recon_ros import cli, system_errors
 from uw_recon_ros.cli import main
 from uw_recon_ros.errors import ReconError
-from uw_recon_ros.images import write_image
-from uw_recon_ros.system_errors import explain, read_bounded
+from uw_recon_ros.files.bounded import read_bounded
+from uw_recon_ros.files.images import write_image
+from uw_recon_ros.system_errors import explain
 
 #: Words that only a machine or a library says.
 FOREIGN = re.compile(
@@ -213,7 +214,7 @@ def test_files_are_read_whole_up_to_a_bound(tmp_path: Path) -> None:
 
 def test_a_pair_without_any_depth(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """It was "could not broadcast input array from shape (0,5) into shape (0,4)"."""
-    from uw_recon_ros.calibration import write_calibration
+    from uw_recon_ros.files.calibrations import write_calibration
     from uw_recon_ros.simulate import Dive, SimulateParams
 
     dive = Dive(SimulateParams(width=128, height=96, frames=1))

@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from uw_recon_ros.errors import ImageError
-from uw_recon_ros.evaluate import as_table, evaluate, fill_rows, read_disparity, write_pfm
+from uw_recon_ros.evaluate import as_table, evaluate, fill_rows
+from uw_recon_ros.files.disparities import read_disparity, write_pfm
 
 NAN = np.nan
 

@@ -16,15 +16,15 @@ import pytest
 
 from uw_recon_ros.bounds import BYTES_PER_PIXEL, SPARE_BYTES
 from uw_recon_ros.errors import ImageError
-from uw_recon_ros.evaluate import read_disparity
-from uw_recon_ros.images import decode_compressed
+from uw_recon_ros.files.disparities import read_disparity
+from uw_recon_ros.files.images import decode_compressed
 
 CHILD = """
 import json, os, resource, sys
 import cv2, numpy as np
 cv2.setNumThreads(1)
 from uw_recon_ros.errors import ImageError
-from uw_recon_ros.images import decode_any
+from uw_recon_ros.files.images import decode_any
 decode, starved = cv2.imdecode, []
 def watched(*given):
     try:

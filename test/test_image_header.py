@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from uw_recon_ros.bounds import LARGEST_PIXELS
 from uw_recon_ros.errors import ImageError
-from uw_recon_ros.image_header import declared_size
-from uw_recon_ros.images import decode_compressed
+from uw_recon_ros.files.image_header import declared_size
+from uw_recon_ros.files.images import decode_compressed
 
 FORMATS = (".png", ".jpg", ".tiff", ".bmp", ".webp", ".jp2", ".ppm")
 

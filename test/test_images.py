@@ -12,7 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from uw_recon_ros.errors import ImageError
-from uw_recon_ros.images import decode_compressed, decode_image, read_image, to_gray, write_image
+from uw_recon_ros.files.images import decode_compressed, read_image, write_image
+from uw_recon_ros.images import decode_image, to_gray
 
 
 def test_bgr_with_padded_rows_becomes_rgb() -> None:

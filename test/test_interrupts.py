@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from uw_recon_ros.images import read_image, write_image
+from uw_recon_ros.files.images import read_image, write_image
 
 #: The console script, telling when it can be interrupted: before that the interpreter itself is starting.
 SCRIPT = (

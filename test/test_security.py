@@ -12,9 +12,9 @@ import pytest
 from helpers.bag_makers import MS, write_mcap
 
 from uw_recon_ros.bags import RawMessage, messages, open_bag
-from uw_recon_ros.calibration import read_calibration
 from uw_recon_ros.cli import main
 from uw_recon_ros.errors import CalibrationError
+from uw_recon_ros.files.calibrations import read_calibration
 from uw_recon_ros.params import read_parameter_file
 from uw_recon_ros.report.page import Summary, render_page
 

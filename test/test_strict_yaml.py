@@ -16,11 +16,11 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from uw_recon_ros import strict_yaml
-from uw_recon_ros.calibration import read_calibration
 from uw_recon_ros.errors import BagError, CalibrationError
+from uw_recon_ros.files import strict_yaml
+from uw_recon_ros.files.calibrations import read_calibration
+from uw_recon_ros.files.strict_yaml import DEEPEST, LARGEST_BYTES, MOST_VALUES, YamlError, load, load_all
 from uw_recon_ros.params import read_parameter_file
-from uw_recon_ros.strict_yaml import DEEPEST, LARGEST_BYTES, MOST_VALUES, YamlError, load, load_all
 
 CAMERA = """\
 image_width: 640
@@ -208,7 +208,7 @@ def test_no_file(tmp_path: Path, name: str, told: str) -> None:
 
 CHILD = """
 import json, resource, sys
-from uw_recon_ros.strict_yaml import YamlError, load_all
+from uw_recon_ros.files.strict_yaml import YamlError, load_all
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 told = []
 for name in sys.argv[1:]:

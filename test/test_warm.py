@@ -9,7 +9,7 @@ import pytest
 
 from uw_recon_ros import jit, pair, warm
 from uw_recon_ros.cli import main
-from uw_recon_ros.images import write_image
+from uw_recon_ros.files.images import write_image
 
 
 def test_empty_cache_is_announced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

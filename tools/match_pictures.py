@@ -24,7 +24,7 @@ from matching import WATERS  # noqa: E402
 from peers import METHODS  # noqa: E402
 
 from uw_recon_ros.evaluate import fill_rows  # noqa: E402
-from uw_recon_ros.images import write_image  # noqa: E402
+from uw_recon_ros.files.images import write_image  # noqa: E402
 from uw_recon_ros.match.planes import matcher  # noqa: E402
 from uw_recon_ros.match.planes.data_cost import CostData, make_workspace, plane_cost  # noqa: E402
 from uw_recon_ros.match.planes.expansion import Labelling, energy, expand  # noqa: E402

@@ -19,15 +19,15 @@ if TYPE_CHECKING:
         reconstruct,
         rectify,
     )
-    from uw_recon_ros.calibration import read_calibration, write_calibration
     from uw_recon_ros.errors import BagError, CalibrationError, EstimationError, ImageError, ReconError
-    from uw_recon_ros.evaluate import read_disparity, write_disparity
+    from uw_recon_ros.files.calibrations import read_calibration, write_calibration
+    from uw_recon_ros.files.disparities import read_disparity, write_disparity
+    from uw_recon_ros.files.images import read_image, write_image
+    from uw_recon_ros.files.meshes import write_glb, write_ply
     from uw_recon_ros.findings import Code, Finding, Severity
-    from uw_recon_ros.images import read_image, write_image
     from uw_recon_ros.match.stage import MatchParams
     from uw_recon_ros.pipeline import Pipeline, PipelineParams, Products
     from uw_recon_ros.preprocess.stage import PreprocessParams
-    from uw_recon_ros.reconstruct.export import write_glb, write_ply
     from uw_recon_ros.reconstruct.stage import ReconstructParams
     from uw_recon_ros.rectify.params import RectifyParams
     from uw_recon_ros.types import (
@@ -57,15 +57,15 @@ _PLACES = {
         "reconstruct",
         "rectify",
     ),
-    "calibration": ("read_calibration", "write_calibration"),
+    "files.calibrations": ("read_calibration", "write_calibration"),
     "errors": ("BagError", "CalibrationError", "EstimationError", "ImageError", "ReconError"),
-    "evaluate": ("read_disparity", "write_disparity"),
+    "files.disparities": ("read_disparity", "write_disparity"),
     "findings": ("Code", "Finding", "Severity"),
-    "images": ("read_image", "write_image"),
+    "files.images": ("read_image", "write_image"),
     "match.stage": ("MatchParams",),
     "pipeline": ("Pipeline", "PipelineParams", "Products"),
     "preprocess.stage": ("PreprocessParams",),
-    "reconstruct.export": ("write_glb", "write_ply"),
+    "files.meshes": ("write_glb", "write_ply"),
     "reconstruct.stage": ("ReconstructParams",),
     "rectify.params": ("RectifyParams",),
     "types": (

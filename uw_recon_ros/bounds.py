@@ -1,8 +1,8 @@
 """What input from others may cost, in one place: sizes, and the work of reading a bag. Counted, never timed.
 
-An encoded image is looked at before it is decoded (`image_header`): decoding allocates at most `BYTES_PER_PIXEL` for
-each pixel the image has, plus `SPARE_BYTES`, and the image has at most `LARGEST_PIXELS`. A bag costs memory and steps
-in proportion to its file's size (`Budget`); what goes beyond is not read, and that is said.
+An encoded image is looked at before it is decoded (`files.image_header`): decoding allocates at most `BYTES_PER_PIXEL`
+for each pixel the image has, plus `SPARE_BYTES`, and the image has at most `LARGEST_PIXELS`. A bag costs memory and
+steps in proportion to its file's size (`Budget`); what goes beyond is not read, and that is said.
 """
 
 from __future__ import annotations

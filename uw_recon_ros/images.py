@@ -1,22 +1,18 @@
-"""Image bytes and files <-> arrays. RGB inside; OpenCV's and ROS's BGR ends here."""
+"""Images as they lie in memory and in messages -> arrays. RGB inside; OpenCV's and ROS's BGR ends here."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_recon_ros.bounds import LARGEST_IMAGE_FILE, LARGEST_PIXELS
+from uw_recon_ros.bounds import LARGEST_PIXELS
 from uw_recon_ros.errors import ImageError
-from uw_recon_ros.files.atomic import write_bytes
-from uw_recon_ros.image_header import declared_size, pixels_only
-from uw_recon_ros.system_errors import read_bounded
 from uw_recon_ros.types import RawImage
 
 _MAX_SIDE = 65_536
@@ -143,60 +139,6 @@ def decode_image(
     return layout.convert(raw.astype(layout.dtype, copy=False).reshape(height, width, layout.channels))
 
 
-def decode_any(data: Any, most_pixels: int = LARGEST_PIXELS) -> NDArray[Any]:
-    """Decode an encoded image of any depth, as OpenCV does, within `bounds`; a photograph upright, as its EXIF says.
-
-    Raises
-    ------
-    ImageError
-    """
-    encoded = memoryview(data).cast("B")
-    if not len(encoded):
-        raise ImageError("compressed image: expected JPEG or PNG data, got 0 bytes")
-    width, height = declared_size(encoded, most_pixels)
-    try:
-        image = cv2.imdecode(np.frombuffer(pixels_only(encoded), np.uint8), _decoder_flags(encoded))
-    except (cv2.error, MemoryError) as error:
-        raise ImageError(f"compressed image: {len(encoded)} bytes refused by the decoder") from error
-    if image is None or image.shape[:2] not in ((height, width), (width, height)):  # EXIF may turn it
-        raise ImageError(f"compressed image: {width}x{height} px declared, {len(encoded)} bytes damaged or cut short")
-    return image
-
-
-def _decoder_flags(encoded: memoryview) -> int:
-    """A camera mounted upside down says so in its JPEG: obeyed, as cv_bridge and every viewer do."""
-    is_jpeg = bytes(encoded[:2]) == b"\xff\xd8"
-    return cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH if is_jpeg else cv2.IMREAD_UNCHANGED
-
-
-def decode_compressed(data: Any, most_pixels: int = LARGEST_PIXELS) -> RawImage:
-    """Decode the bytes of a ``sensor_msgs/CompressedImage`` or an image file (JPEG, PNG, TIFF ...).
-
-    Parameters
-    ----------
-    data : bytes-like
-    most_pixels : int
-        It may have; at most `bounds.LARGEST_PIXELS`.
-
-    Returns
-    -------
-    (H, W) or (H, W, 3) uint8 or uint16
-        Mono, or RGB.
-
-    Raises
-    ------
-    ImageError
-    """
-    image = decode_any(data, most_pixels)
-    if image.dtype not in (np.uint8, np.uint16):
-        raise ImageError(f"compressed image: expected 8 or 16 bits a channel, got {image.dtype}")
-    if image.ndim == 2:
-        return image
-    if image.shape[2] == 1:
-        return image[..., 0]
-    return np.ascontiguousarray(image[..., 2::-1])
-
-
 def to_gray(image: RawImage) -> RawImage:
     """Luma (ITU-R BT.601) of an RGB image; a mono image is returned as it is.
 
@@ -209,34 +151,3 @@ def to_gray(image: RawImage) -> RawImage:
     (H, W), same dtype
     """
     return image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-
-
-def read_image(path: str | Path) -> RawImage:
-    """Read an image file as mono or RGB, 8 or 16 bits.
-
-    Raises
-    ------
-    ImageError
-        It is missing, unreadable or not an image; the text names the file.
-    """
-    try:
-        return decode_compressed(read_bounded(path, LARGEST_IMAGE_FILE, ImageError))
-    except ImageError as error:
-        raise ImageError(f"{path}: expected an image file: {error}") from error
-
-
-def write_image(path: str | Path, image: RawImage) -> None:
-    """Write mono or RGB to a file, whole or not at all.
-
-    Parameters
-    ----------
-    path : path
-        Its suffix chooses the format.
-    image : (H, W) or (H, W, 3) uint8 or uint16 (float32 mono for TIFF)
-    """
-    path = Path(path)
-    swapped = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
-    done, encoded = cv2.imencode(path.suffix, swapped)
-    if not done:
-        raise ImageError(f"{path}: {image.dtype} {image.shape} cannot be written as {path.suffix}")
-    write_bytes(path, encoded.tobytes())

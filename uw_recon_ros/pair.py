@@ -10,18 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from uw_recon_ros.calibration import read_calibration
 from uw_recon_ros.calibration.judge import judge_depths
 from uw_recon_ros.errors import EstimationError, ReconError
-from uw_recon_ros.evaluate import check_disparity_format, write_disparity, write_pfm
 from uw_recon_ros.files.atomic import finite, write_bytes
+from uw_recon_ros.files.calibrations import read_calibration
+from uw_recon_ros.files.disparities import check_disparity_format, write_disparity, write_pfm
+from uw_recon_ros.files.images import read_image, write_image
+from uw_recon_ros.files.meshes import write_glb, write_ply
 from uw_recon_ros.findings import Code, Severity, severe, worst
 from uw_recon_ros.given_pair import ready_to_match, stereo_pair
-from uw_recon_ros.images import read_image, write_image
 from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.pipeline import Pipeline, PipelineParams, Products
 from uw_recon_ros.progress import say
-from uw_recon_ros.reconstruct.export import write_glb, write_ply
 from uw_recon_ros.report.figures import colorize_disparity
 from uw_recon_ros.report.pair import write_pair_page
 from uw_recon_ros.stopwatch import Stopwatch

@@ -155,7 +155,7 @@ def read_parameter_file(path: str | Path, node_names: Iterable[str]) -> dict[str
     ValueError
         The file cannot be read, or is not a ROS parameter file.
     """
-    from uw_recon_ros import strict_yaml
+    from uw_recon_ros.files import strict_yaml
 
     try:
         document = strict_yaml.read(path) or {}

@@ -21,7 +21,7 @@ from uw_recon_ros.bounds import BYTES_PER_STEP, MOST_QOS_TEXT, MOST_UNPACKED, SP
 
 CHILD = """
 import json, resource, sys
-from uw_recon_ros import strict_yaml
+from uw_recon_ros.files import strict_yaml
 from uw_recon_ros.bags import mcap_chunk
 from uw_recon_ros.bags.info import bag_info
 from uw_recon_ros.errors import BagError

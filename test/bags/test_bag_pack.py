@@ -11,7 +11,7 @@ from rosbags.highlevel import AnyReader
 
 from uw_recon_ros.bags import BagWriter, bag_info, open_bag, pack, write_bag
 from uw_recon_ros.errors import BagError, ImageError
-from uw_recon_ros.images import write_image
+from uw_recon_ros.files.images import write_image
 from uw_recon_ros.types import RawImage, StereoCalibration
 
 CALIBRATION = StereoCalibration(camera(), camera(tx=-0.1))

@@ -19,8 +19,9 @@ import time
 from pathlib import Path
 from typing import Any
 
-from uw_recon_ros.evaluate import evaluate, read_disparity
-from uw_recon_ros.images import read_image
+from uw_recon_ros.evaluate import evaluate
+from uw_recon_ros.files.disparities import read_disparity
+from uw_recon_ros.files.images import read_image
 from uw_recon_ros.match.kz2.energy import energy
 from uw_recon_ros.match.kz2.matcher import kz2
 

@@ -28,7 +28,7 @@ sys.path.insert(0, str(ROOT / "test"))
 from helpers.rig_scenes import Rig, intrinsics, random_rig, tie_points, tie_points_of  # noqa: E402
 
 from uw_recon_ros.errors import EstimationError  # noqa: E402
-from uw_recon_ros.images import read_image  # noqa: E402
+from uw_recon_ros.files.images import read_image  # noqa: E402
 from uw_recon_ros.preprocess.stage import Preprocess, PreprocessParams  # noqa: E402
 from uw_recon_ros.rectify import RectifyParams, TiePoints, estimate_rectification, find_tie_points  # noqa: E402
 from uw_recon_ros.rectify.quality import homography_distortion  # noqa: E402

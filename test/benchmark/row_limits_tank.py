@@ -16,8 +16,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from uw_recon_ros.calibration import write_calibration
 from uw_recon_ros.errors import EstimationError
+from uw_recon_ros.files.calibrations import write_calibration
 from uw_recon_ros.pair import read_pair
 from uw_recon_ros.preprocess.stage import Preprocess
 from uw_recon_ros.rectify import RectifyParams, find_tie_points

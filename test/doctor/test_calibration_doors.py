@@ -16,13 +16,13 @@ from std_msgs.msg import Header
 from uw_recon_ros.bags import messages
 from uw_recon_ros.bags.info import bag_info
 from uw_recon_ros.bags.writer import BagWriter
-from uw_recon_ros.calibration import write_calibration
 from uw_recon_ros.calibration.judge import judge_calibration
 from uw_recon_ros.cli import main
 from uw_recon_ros.doctor.calibrations import check_calibration
 from uw_recon_ros.errors import CalibrationError
+from uw_recon_ros.files.calibrations import write_calibration
+from uw_recon_ros.files.images import write_image
 from uw_recon_ros.findings import Code, Severity
-from uw_recon_ros.images import write_image
 from uw_recon_ros.nodes.rectify_node import RigRectifier
 from uw_recon_ros.pair import reconstruct_files
 from uw_recon_ros.pipeline import PipelineParams

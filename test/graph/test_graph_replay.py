@@ -20,7 +20,7 @@ from stereo_msgs.msg import DisparityImage
 from uw_recon_ros.bags.model import RawMessage
 from uw_recon_ros.bags.reader import open_bag
 from uw_recon_ros.bags.writer import BagWriter
-from uw_recon_ros.images import read_image
+from uw_recon_ros.files.images import read_image
 from uw_recon_ros.pipeline import Pipeline, PipelineParams, Products
 from uw_recon_ros.ros import messages
 from uw_recon_ros.types import StereoGeometry

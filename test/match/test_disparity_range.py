@@ -9,8 +9,9 @@ from helpers.match_scenes import STEREO
 from numpy.typing import NDArray
 
 from uw_recon_ros.errors import EstimationError
-from uw_recon_ros.evaluate import read_disparity
-from uw_recon_ros.images import read_image, to_gray
+from uw_recon_ros.files.disparities import read_disparity
+from uw_recon_ros.files.images import read_image
+from uw_recon_ros.images import to_gray
 from uw_recon_ros.match.disparity_range import find_disparity_range
 
 Image = NDArray[np.uint8]

@@ -10,7 +10,7 @@ from helpers.match_scenes import STEREO, cost, random_pair
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from uw_recon_ros.images import read_image
+from uw_recon_ros.files.images import read_image
 from uw_recon_ros.match.kz2.constants import Constants, automatic_occlusion_cost, make_constants
 from uw_recon_ros.match.kz2.data_cost import make_interval_image, row_costs
 

@@ -8,7 +8,7 @@ import pytest
 from helpers.match_scenes import STEREO
 from numpy.typing import NDArray
 
-from uw_recon_ros.images import read_image
+from uw_recon_ros.files.images import read_image
 from uw_recon_ros.match.kz2.energy import OCCLUDED, check_unique, energy
 from uw_recon_ros.match.kz2.matcher import kz2
 

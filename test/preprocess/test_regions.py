@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from helpers.pictures import DATA, Image, colored_leaves, leaves, psnr, to_bytes
 
+from uw_recon_ros.files.images import read_image
 from uw_recon_ros.findings import Code, Severity
-from uw_recon_ros.images import read_image
 from uw_recon_ros.preprocess.regions import RegionWatch, constant_border, find_regions
 from uw_recon_ros.preprocess.sequence import PreprocessSequence
 from uw_recon_ros.preprocess.stage import Preprocess, PreprocessParams

@@ -11,8 +11,8 @@ import trimesh
 from helpers.reconstruct_scenes import HORIZONTAL, depth_map, picture, plane_depth, sphere_depth
 
 from uw_recon_ros.errors import ReconError
+from uw_recon_ros.files.meshes import GLTF_FROM_OPTICAL, write_glb, write_ply
 from uw_recon_ros.reconstruct.cloud import organised_cloud
-from uw_recon_ros.reconstruct.export import GLTF_FROM_OPTICAL, write_glb, write_ply
 from uw_recon_ros.reconstruct.surface import build_surface
 
 

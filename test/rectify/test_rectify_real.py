@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from helpers.rig_scenes import enhanced
 
-from uw_recon_ros.images import read_image
+from uw_recon_ros.files.images import read_image
 from uw_recon_ros.rectify import Rectify, RectifyParams, RigTracker, TiePoints, estimate_rectification, find_tie_points
 from uw_recon_ros.rectify.quality import homography_distortion
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from uw_recon_ros.images import read_image
+from uw_recon_ros.files.images import read_image
 from uw_recon_ros.simulate.drown import drown, drown_pair, ranges_from_disparity, right_disparity
 from uw_recon_ros.simulate.sensor import to_light
 from uw_recon_ros.simulate.water import make_water

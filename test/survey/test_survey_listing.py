@@ -27,9 +27,9 @@ from helpers.bag_makers import (
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
 from uw_recon_ros.bags import RawMessage, messages, open_bag
-from uw_recon_ros.calibration import write_calibration
 from uw_recon_ros.errors import BagError, ReconError
-from uw_recon_ros.images import write_image
+from uw_recon_ros.files.calibrations import write_calibration
+from uw_recon_ros.files.images import write_image
 from uw_recon_ros.survey.listing import Listing, list_frames
 from uw_recon_ros.survey.params import SurveyParams
 from uw_recon_ros.survey.read import Reader

@@ -23,7 +23,7 @@ from helpers.dives import FRAMES, PARAMS, digests, make_dive, recorded, table, w
 
 from uw_recon_ros.bags import open_bag, write_bag
 from uw_recon_ros.cli import main
-from uw_recon_ros.evaluate import read_disparity
+from uw_recon_ros.files.disparities import read_disparity
 from uw_recon_ros.pipeline import Pipeline, PipelineParams, read_values
 from uw_recon_ros.types import StereoPair
 

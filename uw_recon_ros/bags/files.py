@@ -11,7 +11,6 @@ from typing import Any
 
 import zstandard
 
-from uw_recon_ros import strict_yaml
 from uw_recon_ros.bags.mcap_chunk import reason_of
 from uw_recon_ros.bags.mcap_file import McapFile
 from uw_recon_ros.bags.mcap_index import MAGIC as MCAP_MAGIC
@@ -19,8 +18,10 @@ from uw_recon_ros.bags.model import Storage
 from uw_recon_ros.bags.sqlite_file import SqliteFile
 from uw_recon_ros.bounds import SPARE_BYTES, unpacked_limit
 from uw_recon_ros.errors import BagError
-from uw_recon_ros.file_kinds import HEAD, describe
-from uw_recon_ros.system_errors import expect_file, reason
+from uw_recon_ros.files import strict_yaml
+from uw_recon_ros.files.bounded import expect_file
+from uw_recon_ros.files.kinds import HEAD, describe
+from uw_recon_ros.system_errors import reason
 
 _SQLITE_MAGIC = b"SQLite format 3\0"
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from uw_recon_ros import strict_yaml
+from uw_recon_ros.files import strict_yaml
 
 #: Log times from here on are beyond what ROS's 32 bits of seconds can say.
 LATEST_NS = 2**31 * 1_000_000_000

@@ -10,7 +10,7 @@ from pathlib import Path
 from uw_recon_ros.bags.files import natural_order
 from uw_recon_ros.bags.writer import BagWriter
 from uw_recon_ros.errors import BagError
-from uw_recon_ros.images import read_image
+from uw_recon_ros.files.images import read_image
 from uw_recon_ros.system_errors import told_as
 from uw_recon_ros.types import RawImage, StereoCalibration
 

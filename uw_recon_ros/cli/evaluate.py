@@ -27,8 +27,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Compare, and say how they differ."""
-    from uw_recon_ros.evaluate import as_table, evaluate, read_disparity
-    from uw_recon_ros.images import read_image, to_gray
+    from uw_recon_ros.evaluate import as_table, evaluate
+    from uw_recon_ros.files.disparities import read_disparity
+    from uw_recon_ros.files.images import read_image
+    from uw_recon_ros.images import to_gray
 
     mask = to_gray(read_image(args.mask)) == 255 if args.mask else None
     estimate, truth = read_disparity(args.estimate), read_disparity(args.truth)

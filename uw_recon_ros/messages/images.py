@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.bounds import LARGEST_PIXELS
 from uw_recon_ros.errors import ImageError
-from uw_recon_ros.images import decode_compressed, decode_image
+from uw_recon_ros.files.images import decode_compressed
+from uw_recon_ros.images import decode_image
 from uw_recon_ros.messages.factory import MessageFactory
 from uw_recon_ros.types import FloatImage, RawImage
 

@@ -12,8 +12,8 @@ from uw_recon_ros.bags import BagReader, RawMessage, messages, open_bag
 from uw_recon_ros.bags.pack import LEFT_FRAME
 from uw_recon_ros.bags.stereo import make_pair
 from uw_recon_ros.errors import BagError, ImageError
+from uw_recon_ros.files.images import read_image
 from uw_recon_ros.image_pair import as_pair
-from uw_recon_ros.images import read_image
 from uw_recon_ros.survey.pair_index import Frame, Place
 from uw_recon_ros.survey.sources import Source
 from uw_recon_ros.system_errors import reason

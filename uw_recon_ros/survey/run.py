@@ -8,9 +8,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from uw_recon_ros.calibration import read_calibration
 from uw_recon_ros.errors import BagError
 from uw_recon_ros.files.atomic import write_bytes, write_json
+from uw_recon_ros.files.calibrations import read_calibration
 from uw_recon_ros.progress import Progress
 from uw_recon_ros.rectify.rectification import Rectification
 from uw_recon_ros.survey.executor import Executor, Lost

@@ -11,10 +11,10 @@ from typing import Literal
 
 from uw_recon_ros.bags.files import natural_order
 from uw_recon_ros.bags.pack import find_images
-from uw_recon_ros.calibration import read_calibration
 from uw_recon_ros.calibration.rectified import came_rectified
 from uw_recon_ros.errors import BagError
-from uw_recon_ros.file_kinds import describe_file
+from uw_recon_ros.files.calibrations import read_calibration
+from uw_recon_ros.files.kinds import describe_file
 from uw_recon_ros.survey.pair_index import Rigs
 from uw_recon_ros.survey.params import SurveyParams
 from uw_recon_ros.system_errors import reason, told_as

@@ -15,8 +15,8 @@ import cv2
 
 from uw_recon_ros.errors import CalibrationError, ReconError
 from uw_recon_ros.files.atomic import publish
+from uw_recon_ros.files.images import write_image
 from uw_recon_ros.findings import Code, Finding, Severity
-from uw_recon_ros.images import write_image
 from uw_recon_ros.rectify.rectification import Rectification
 from uw_recon_ros.rectify.tie_points import TiePoints, find_tie_points
 from uw_recon_ros.report.figures import as_byte_rgb

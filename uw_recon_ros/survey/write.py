@@ -11,11 +11,11 @@ import numpy as np
 
 from uw_recon_ros.bags import write_bag
 from uw_recon_ros.errors import BagError, ReconError
-from uw_recon_ros.evaluate import write_pfm
 from uw_recon_ros.files.atomic import write_bytes
-from uw_recon_ros.images import write_image
+from uw_recon_ros.files.disparities import write_pfm
+from uw_recon_ros.files.images import write_image
+from uw_recon_ros.files.meshes import write_glb, write_ply
 from uw_recon_ros.pipeline import Products
-from uw_recon_ros.reconstruct.export import write_glb, write_ply
 from uw_recon_ros.report.figures import colorize_disparity
 from uw_recon_ros.report.page import Summary, render_page
 from uw_recon_ros.survey.frame_messages import frame_messages

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 
 from uw_recon_ros.bounds import LARGEST_PIXELS, MOST_CHANNELS
 from uw_recon_ros.errors import ImageError
-from uw_recon_ros.file_kinds import HEAD, describe
+from uw_recon_ros.files.kinds import HEAD, describe
 
 _FORMATS = "JPEG or PNG data (or TIFF, BMP, WebP, JPEG 2000, PNM)"
 _PNM = re.compile(rb"P[1-6](?:\s+(?:#[^\n]*\n\s*)*)(\d{1,10})(?:\s+(?:#[^\n]*\n\s*)*)(\d{1,10})\s")

@@ -16,8 +16,8 @@ from typing import Any
 import yaml
 
 from uw_recon_ros.errors import ReconError
+from uw_recon_ros.files.bounded import read_bounded
 from uw_recon_ros.findings import Code
-from uw_recon_ros.system_errors import read_bounded
 
 #: Bytes of a document, nested collections, and values in all, counting what aliases repeat.
 LARGEST_BYTES = 2**20
