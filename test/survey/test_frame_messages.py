@@ -26,7 +26,7 @@ from uw_recon_ros.ros.messages import (
     status_message,
     surface_message,
 )
-from uw_recon_ros.survey.frame_messages import frame_messages
+from uw_recon_ros.survey.output_bag import frame_messages
 from uw_recon_ros.types import (
     DisparityMap,
     EnhancedPair,

@@ -117,6 +117,6 @@ def test_a_scheduler_killed_midway_is_one_line_and_the_work_goes_on(
 def test_no_scheduler_there(
     room: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("uw_recon_ros.survey.dask_executor._PATIENCE_S", 1)
+    monkeypatch.setattr("uw_recon_ros.survey.executor._PATIENCE_S", 1)
     assert main(arguments(room, tmp_path / "out", "--dask", "tcp://127.0.0.1:9")) == 1
     assert "--dask tcp://127.0.0.1:9: expected a scheduler with workers there" in capsys.readouterr().err

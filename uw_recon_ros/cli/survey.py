@@ -103,7 +103,7 @@ def _model(args: argparse.Namespace) -> None:
 
 def _executor(args: argparse.Namespace) -> Executor:
     if args.dask:
-        from uw_recon_ros.survey.dask_executor import DaskExecutor
+        from uw_recon_ros.survey.executor import DaskExecutor
 
         return DaskExecutor(args.dask)
     from uw_recon_ros.survey.executor import LocalExecutor

@@ -11,9 +11,8 @@ from html import escape
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_recon_ros.survey.store import Row, Store, succeeded
+from uw_recon_ros.survey.store import PREVIEWS, Row, Store, frame_name, succeeded
 from uw_recon_ros.survey.tables import failures
-from uw_recon_ros.survey.write import PREVIEWS, frame_name
 from uw_recon_ros.types import Matrix
 
 WIDTHS = {"wide": 1180, "narrow": 400}  # of the drawing, SVG units; the page shows one that fits

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.errors import BagError, ReconError
 from uw_recon_ros.files.atomic import write_bytes
+from uw_recon_ros.files.packed import pack, unpack
 from uw_recon_ros.pipeline import Products
-from uw_recon_ros.survey.packed import pack, unpack
 from uw_recon_ros.trajectory import DisparityFrame
 from uw_recon_ros.types import FloatImage, StereoGeometry
 

@@ -17,6 +17,7 @@ from typing import Any
 
 from uw_recon_ros import __version__
 from uw_recon_ros.files.atomic import write_bytes
+from uw_recon_ros.files.packed import pack, unpack
 from uw_recon_ros.findings import Finding
 from uw_recon_ros.match.stage import MatchParams
 from uw_recon_ros.pipeline import PipelineParams
@@ -25,7 +26,6 @@ from uw_recon_ros.reconstruct.stage import ReconstructParams
 from uw_recon_ros.rectify.rectification import Rectification
 from uw_recon_ros.rectify.stage import RectifyParams
 from uw_recon_ros.rectify.views import View
-from uw_recon_ros.survey.packed import pack, unpack
 from uw_recon_ros.survey.pair_index import Frame
 from uw_recon_ros.survey.params import SurveyParams
 from uw_recon_ros.survey.sources import Source

@@ -28,8 +28,7 @@ from uw_recon_ros.survey.figures import (
     percent,
     worst_frames,
 )
-from uw_recon_ros.survey.store import UNRELIABLE, Row, Store, succeeded
-from uw_recon_ros.survey.write import VIEWS, frame_name
+from uw_recon_ros.survey.store import UNRELIABLE, VIEWS, Row, Store, frame_name, succeeded
 
 _UNITS = (("h", 3600.0), ("min", 60.0), ("s", 1.0))
 

@@ -22,10 +22,9 @@ from uw_recon_ros.survey.plan import Plan, save_plan
 from uw_recon_ros.survey.report import write_report
 from uw_recon_ros.survey.rig_estimate import rectify_rigs, sort_rigs
 from uw_recon_ros.survey.sources import Source, find_sources
-from uw_recon_ros.survey.store import FAILED, UNRELIABLE, Row, Store, SurveyError, succeeded
+from uw_recon_ros.survey.store import BAG_PARTS, FAILED, UNRELIABLE, Row, Store, SurveyError, succeeded
 from uw_recon_ros.survey.tables import codes, frames_csv, report, timing_csv
 from uw_recon_ros.survey.worker import reconstruct_frame
-from uw_recon_ros.survey.write import BAG_PARTS
 from uw_recon_ros.system_errors import explain
 from uw_recon_ros.warm import tell_if_cold
 

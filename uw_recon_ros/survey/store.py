@@ -47,6 +47,9 @@ def _shorten(value: Any) -> str:
 Row = dict[str, Any]
 
 STATE = "state"
+BAG_PARTS = f"{STATE}/bag"
+PREVIEWS = "previews"
+VIEWS = "views"
 #: ``status`` in ``frames.csv``: reconstructed; reconstructed and not to be trusted (`reason` says why); not at all.
 OK, UNRELIABLE, FAILED = "ok", "unreliable", "failed"
 
@@ -55,6 +58,11 @@ def succeeded(row: Row) -> bool:
     """Whether a frame was reconstructed, to be trusted or not."""
     status: str = row["status"]
     return status != FAILED
+
+
+def frame_name(number: int) -> str:
+    """What a frame's files are called."""
+    return f"{number:06d}"
 
 
 class SurveyError(ReconError):

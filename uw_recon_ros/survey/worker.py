@@ -25,8 +25,8 @@ from uw_recon_ros.survey.pair_index import Frame
 from uw_recon_ros.survey.plan import Plan, Task, load_plan
 from uw_recon_ros.survey.products import FramePipeline, FrameProducts, describe
 from uw_recon_ros.survey.read import Reader
-from uw_recon_ros.survey.store import FAILED, Row, SurveyError
-from uw_recon_ros.survey.write import PREVIEWS, frame_files, frame_name, side_by_side
+from uw_recon_ros.survey.store import FAILED, PREVIEWS, Row, SurveyError, frame_name
+from uw_recon_ros.survey.write import frame_files, side_by_side
 from uw_recon_ros.system_errors import our_fault
 from uw_recon_ros.types import StereoPair
 

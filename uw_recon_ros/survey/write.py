@@ -10,24 +10,22 @@ import cv2
 import numpy as np
 
 from uw_recon_ros.bags import write_bag
-from uw_recon_ros.errors import BagError, ReconError
+from uw_recon_ros.errors import BagError
 from uw_recon_ros.files.atomic import write_bytes
 from uw_recon_ros.files.disparities import write_pfm
 from uw_recon_ros.files.images import write_image
+from uw_recon_ros.files.laz import write_laz
 from uw_recon_ros.files.meshes import write_glb, write_ply
 from uw_recon_ros.pipeline import Products
 from uw_recon_ros.report.figures import colorize_disparity
 from uw_recon_ros.report.page import Summary, render_page
-from uw_recon_ros.survey.frame_messages import frame_messages
 from uw_recon_ros.survey.kept_frame import kept_name, kept_of, write_kept
+from uw_recon_ros.survey.output_bag import frame_messages
 from uw_recon_ros.survey.params import SurveyParams
-from uw_recon_ros.types import ByteImage, FloatImage, PointCloud
+from uw_recon_ros.survey.store import BAG_PARTS, PREVIEWS, VIEWS, frame_name
+from uw_recon_ros.types import ByteImage, FloatImage
 
-BAG_PARTS = "state/bag"
-PREVIEWS = "previews"
-VIEWS = "views"
 _PREVIEW_HEIGHT = 120
-_LAZ_STEP_M = 1e-4
 _MM_LIMIT = 65535
 _FIRST_DATE, _LAST_DATE = 946684800, 4102444800  # s: the years 2000 and 2100; other stamps are no dates
 
@@ -57,11 +55,6 @@ def frame_files(number: int, log_ns: int, products: Products, params: SurveyPara
         topics = params.chosen_topics
         files[f"{BAG_PARTS}/{name}.mcap"] = lambda path: _write_part(path, products, log_ns, topics)
     return files
-
-
-def frame_name(number: int) -> str:
-    """What a frame's files are called."""
-    return f"{number:06d}"
 
 
 def preview(products: Products) -> ByteImage:
@@ -120,30 +113,6 @@ def _write_cloud(path: Path, products: Products, choice: str) -> None:
         write_laz(path, cloud)
     else:
         write_ply(path, cloud)
-
-
-def write_laz(path: Path, cloud: PointCloud) -> None:
-    """Write the points of a cloud as LAZ 1.4, point format 7, in steps of 0.1 mm.
-
-    Raises
-    ------
-    ReconError
-        The extra ``laz`` is not installed.
-    """
-    try:
-        import laspy
-    except ImportError as error:
-        raise ReconError("cloud_format laz: expected the extra 'laz': pip install uw_recon_ros[laz]") from error
-    points, colors = cloud.points.reshape(-1, 3), cloud.colors.reshape(-1, 3)
-    there = np.isfinite(points).all(axis=1)
-    header = laspy.LasHeader(version="1.4", point_format=7)
-    header.scales, header.offsets = np.full(3, _LAZ_STEP_M), np.zeros(3)
-    header.generating_software = "uw_recon_ros"
-    header.creation_date = datetime.datetime.fromtimestamp(cloud.stamp_ns // 10**9, datetime.timezone.utc).date()
-    las = laspy.LasData(header)
-    las.x, las.y, las.z = points[there].astype(np.float64).T
-    las.red, las.green, las.blue = colors[there].astype(np.uint16).T * np.uint16(257)
-    las.write(str(path), do_compress=True)
 
 
 def _write_part(path: Path, products: Products, log_ns: int, topics: frozenset[str]) -> None:

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from uw_recon_ros.files.packed import pack, unpack
 from uw_recon_ros.findings import Code, Finding, Severity
-from uw_recon_ros.survey.packed import pack, unpack
 from uw_recon_ros.types import RectificationQuality, Window
 
 
