@@ -14,6 +14,8 @@ VERSION = re.search(r"<version>(.*?)</version>", (ROOT / "package.xml").read_tex
 NODES = ["preprocess_node", "rectify_node", "disparity_node", "point_cloud_node", "pipeline_node", "bag_player_node"]
 MESSAGES = ["sensor-msgs", "stereo-msgs", "diagnostic-msgs", "std-srvs", "visualization-msgs"]
 MESSAGES += ["rosgraph-msgs", "lifecycle-msgs"]
+#: Rooms that hold parts of pages.
+PAGES = ["report", "survey"]
 DASK, LAZ = ["distributed>=2024.1"], ["laspy>=2.5", "lazrs>=0.5"]
 COMPLETION = ["argcomplete>=3"]
 DOCS = ["sphinx>=7.2", "myst-parser>=3", "furo>=2024.1.29"]
@@ -54,7 +56,7 @@ setup(
     ],
     keywords=["ROS", "stereo", "underwater", "reconstruction"],
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["py.typed", "report/*.js", "report/*.css", "report/*.html", "survey/*.js", "survey/*.css"]},
+    package_data={NAME: ["py.typed", *(f"{room}/*.{kind}" for room in PAGES for kind in ("html", "css", "js"))]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -79,6 +81,7 @@ setup(
         "trimesh>=4.0",
         "pillow>=9",
         "PyYAML>=6",
+        "Jinja2>=3.0",
         "tqdm>=4.60",
         "tifffile>=2022.5",
     ],

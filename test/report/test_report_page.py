@@ -6,8 +6,6 @@ import base64
 import hashlib
 import json
 import re
-import shutil
-import subprocess
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -15,6 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from helpers.browser import run_in_browser
 from helpers.report_results import HEIGHT, WIDTH, depth_map, pair_results, picture, surface
 
 from uw_recon_ros.report.embed import mesh_json, picture_uri, script_safe
@@ -84,13 +83,18 @@ def test_nothing_is_loaded_from_anywhere(html):
             assert attributes.get(name, "data:image/").startswith("data:image/")
 
 
-def test_the_policy_allows_the_scripts_of_the_page_and_no_others(html):
+def digests(kind, html):
+    found = re.findall(rf"<{kind}>(.*?)</{kind}>", html, re.S)
+    return [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in found]
+
+
+def test_the_policy_allows_what_the_shell_put_into_the_page_and_no_more(html):
     policy = next(a["content"] for t, a in read(html).tags if t == "meta" and "http-equiv" in a)
-    assert policy.startswith("default-src 'none'; img-src data:;")
-    scripts = re.findall(r"<script>(.*?)</script>", html, re.S)
-    hashes = [base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts]
-    assert re.findall(r"'sha256-([^']+)'", policy) == hashes
-    assert "unsafe-inline" not in policy.split("script-src")[1]
+    rules = dict(rule.strip().split(" ", 1) for rule in policy.split(";"))
+    for kind in ("script", "style"):
+        assert re.findall(r"'sha256-([^']+)'", rules.pop(f"{kind}-src")) == digests(kind, html)
+    assert rules == {"default-src": "'none'", "img-src": "data:", "base-uri": "'none'", "form-action": "'none'"}
+    assert not [tag for tag, attributes in read(html).tags if "style" in attributes], "the policy would stop it"
 
 
 def test_no_text_becomes_markup():
@@ -212,19 +216,6 @@ def test_numbers_are_written_with_their_unit():
     assert percent(0.1234) == "12.3 %"
     assert time_rows({"a": 1.0, "b": 0.25})[-1] == ("Time, together", "1.250 s")
     assert time_rows({}) == []
-
-
-def run_in_browser(page: Path, folder: Path, *flags: str) -> str:
-    browser = shutil.which("chromium") or shutil.which("google-chrome") or shutil.which("chrome")
-    if browser is None:
-        pytest.skip("no Chromium on this machine: the page cannot be run")
-    command = [
-        browser, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--use-gl=angle",
-        "--disable-background-networking", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-        f"--user-data-dir={folder / 'profile'}", "--virtual-time-budget=5000", "--window-size=1000,900",
-        "--hide-scrollbars", *flags, f"file://{page}",
-    ]  # fmt: skip
-    return subprocess.run(command, capture_output=True, text=True, check=False).stdout
 
 
 def test_the_view_runs_in_a_browser(tmp_path, html):

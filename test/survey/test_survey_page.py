@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import pytest
+from helpers.browser import run_in_browser
+from helpers.report_results import surface
 
-from uw_recon_ros.survey.figures import WIDTHS, Line, chart, counted
-from uw_recon_ros.survey.report import _axis
+from uw_recon_ros.report import shell
+from uw_recon_ros.report.page import Summary, render_page
+from uw_recon_ros.survey.charts import WIDTHS, Line, chart
+from uw_recon_ros.survey.report import _axis, counted, render_report
+from uw_recon_ros.survey.store import STATE, VIEWS, Store, frame_name
 from uw_recon_ros.survey.write import time_of
 
 
@@ -61,3 +69,70 @@ def test_a_chart_keeps_to_its_paper_wide_and_narrow(last: float) -> None:
         starts = [float(str(text.get("x"))) - 3.5 * len(str(text.text)) for text in labels]
         assert all(end < start for end, start in zip(ends, starts[1:], strict=False))
         assert max(float(str(text.get("y"))) for text in picture.iter("text")) <= bottom - 4
+
+
+EVIL = "</script><script>alert('x')</script><img src=x onerror=\"alert(1)\">&'"
+
+
+def row(number: int, *, reason: str = "", files: tuple[str, ...] = ()) -> dict[str, Any]:
+    numbers = {"density": 0.5, "row_error_median_px": 0.2, "depth_p05": 1.0, "depth_p50": 2.0, "depth_p95": 3.0}
+    ranges = {"min_disparity": 0, "max_disparity": 64, "triangles": 12}
+    return {
+        "frame": number, "source": EVIL, "stamp_ns": number * 10**9, "status": "failed" if reason else "ok",
+        "reason": reason, "seconds": 1.5, "findings": [], "files": dict.fromkeys(files, 1),
+        **({} if reason else {**numbers, **ranges}),
+    }  # fmt: skip
+
+
+def made_of(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    middle = {"least": 0.1, "median": 0.5, "greatest": 0.9}
+    warning = {"code": "x", "text": EVIL, "severity": "unreliable", "frames": 1, "first_frame": 0}
+    return {
+        "input": {EVIL: {EVIL: "00"}}, "unreadable": [EVIL], "notes": [EVIL], "warnings": [warning],
+        "scale": ["metric"],
+        "rigs": {EVIL: {"warnings": [EVIL]}}, "frames": {"pairs_in_input": len(rows)}, "survey": {EVIL: EVIL},
+        "parameters": {EVIL: EVIL}, "versions": {EVIL: EVIL},
+        "density": middle, "row_error_median_px": middle, "depth_p50": middle,
+    }  # fmt: skip
+
+
+@pytest.fixture
+def report_of_two(tmp_path: Path) -> Iterator[tuple[Store, list[dict[str, Any]]]]:
+    """Two frames with views, the first shown first, and one that failed."""
+    names = [f"{VIEWS}/{frame_name(number)}.html" for number in range(2)]
+    (tmp_path / VIEWS).mkdir()
+    for name in names:
+        (tmp_path / name).write_text(render_page(f"Frame {name}", Summary(), [], surface()), encoding="utf-8")
+    (tmp_path / STATE).mkdir()
+    with Store(tmp_path) as store:
+        yield store, [*(row(k, files=(name,)) for k, name in enumerate(names)), row(2, reason=EVIL)]
+
+
+def test_no_name_becomes_markup_in_a_survey(report_of_two: tuple[Store, list[dict[str, Any]]]) -> None:
+    store, rows = report_of_two
+    page = render_report(store, rows, made_of(rows))
+    assert "<script>alert" not in page
+    assert "<img src=x" not in page
+    assert page.count("&lt;script&gt;alert(&#39;x&#39;)") >= 15
+    assert "default-src 'none'; img-src data:; style-src 'sha256-" in page
+    assert " style=" not in re.sub(r"<(script|style).*?</\1>", "", page, flags=re.S), "the policy would stop it"
+
+
+@pytest.mark.parametrize("click", [0, 1])
+def test_the_views_of_frames_run_inside_the_survey(
+    report_of_two: tuple[Store, list[dict[str, Any]]], click: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The frame shown first lies in the page, the next beside it; `run_in_browser` fails where the policy stops one."""
+    store, rows = report_of_two
+    press = 'document.getElementById("next").click();'
+    watch = 'document.querySelector("iframe").addEventListener("load", e => e.target.dataset.loaded = e.target.src);'
+    true = shell.asset
+    monkeypatch.setattr(
+        shell, "asset", lambda name: true(name) + (watch + press * click if name == "survey/survey.js" else "")
+    )
+    page = tmp_path / "report.html"
+    page.write_text(render_report(store, rows, made_of(rows)), encoding="utf-8")
+    dom = run_in_browser(page, tmp_path, "--dump-dom", "--allow-file-access-from-files")
+    loaded = re.search(r'<iframe[^>]* data-loaded="([^"]*)"', dom)
+    assert loaded
+    assert loaded[1].endswith("views/000001.html" if click else "")

@@ -48,6 +48,12 @@ class ColorBar:
     colormap: str = "viridis"
     label: str = ""
 
+    @property
+    def ticks(self) -> list[str]:
+        """Values at its ends and in between, evenly, as they are written."""
+        values = (self.low + (self.high - self.low) * k / 4 for k in range(5))
+        return [f"{value:.3g}".replace("-", "\u2212") for value in values]
+
 
 def color_table(name: str) -> ByteImage:
     """(256, 3) RGB of a colour map; a name that ends in ``_r`` turns it round.

@@ -5,31 +5,25 @@ The one shown first is inside the file, so that the report can be sent alone.
 
 from __future__ import annotations
 
+import base64
 import itertools
 import json
 import math
-from collections.abc import Iterable
-from functools import cache
-from html import escape
-from importlib.resources import files
+from collections.abc import Sequence
 from typing import Any
 
-from uw_recon_ros.files.atomic import write_bytes
-from uw_recon_ros.report.embed import script_safe
-from uw_recon_ros.survey.figures import (
-    LEFT,
-    RIGHT,
-    Line,
-    chart,
-    contact_sheet,
-    counted,
-    failed_frames,
-    number,
-    percent,
-    worst_frames,
-)
-from uw_recon_ros.survey.store import UNRELIABLE, VIEWS, Row, Store, frame_name, succeeded
+from markupsafe import Markup
 
+from uw_recon_ros.files.atomic import write_bytes
+from uw_recon_ros.report.content import Summary
+from uw_recon_ros.report.shell import PAGE_SCRIPTS, PAGE_STYLES, VIEW_SCRIPTS, render
+from uw_recon_ros.survey.charts import LEFT, RIGHT, Line, chart
+from uw_recon_ros.survey.store import PREVIEWS, UNRELIABLE, VIEWS, Row, Store, frame_name, succeeded
+from uw_recon_ros.survey.tables import failures
+
+_ON_SHEET = 96
+_WORST = 40
+_FAILURES_SHOWN = 6
 _UNITS = (("h", 3600.0), ("min", 60.0), ("s", 1.0))
 
 
@@ -52,33 +46,19 @@ def render_report(store: Store, rows: list[Row], made: dict[str, Any]) -> str:
     """Build the page; see `write_report`."""
     ok = [row for row in rows if succeeded(row)]
     seconds, stamped = _times(rows)
-    body = [
-        _top(made, rows, ok),
-        _chosen(store, rows, ok, seconds, made, stamped=stamped),
-        _time_lines(rows, *_axis(seconds, stamped=stamped), made),
-        worst_frames(store, ok, _unit(made)),
-        failed_frames(store, rows),
-        contact_sheet(store, rows),
-        _origin(made),
-    ]
-    return _frame("Survey of " + ", ".join(made["input"]), body)
-
-
-@cache
-def _asset(room: str, name: str) -> str:
-    return files(f"uw_recon_ros.{room}").joinpath(name).read_text(encoding="utf-8")
-
-
-def _frame(title: str, body: Iterable[str]) -> str:
-    return (
-        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{escape(title)}</title><style>{_asset('report', 'page.css')}{_asset('survey', 'survey.css')}</style>"
-        f"</head><body><div class='page'>{''.join(body)}<footer>Made by uw_recon_ros.</footer></div>"
-        '<dialog id="zoom"><img alt=""><p></p></dialog>'
-        f"<script>{_asset('report', 'page.js')}</script><script>{_asset('survey', 'survey.js')}</script>"
-        "</body></html>\n"
-    )
+    step = max(1, math.ceil(len(rows) / _ON_SHEET))
+    return render(
+        "survey/report.html",
+        styles=(*PAGE_STYLES, "survey/survey.css"), scripts=(*PAGE_SCRIPTS, "survey/survey.js"), framed=VIEW_SCRIPTS,
+        frames=True, title="Survey of " + ", ".join(made["input"]), summary=_summary(made, rows, ok),
+        chosen=_chosen(store, rows, ok, seconds, made, stamped=stamped), has_views=any(map(_has_view, ok)),
+        charts=_charts(rows, *_axis(seconds, stamped=stamped), made),
+        worst=[_frame(store, row, _unit(made)) for row in _worst(ok)],
+        failures=[_failure(store, group) for group in failures(rows)],
+        sheet=[_frame(store, row) for row in rows[::step]],
+        sheet_words="Every frame" if step == 1 else f"Every {step}th frame",
+        origin=_origin(made),
+    )  # fmt: skip
 
 
 def _times(rows: list[Row]) -> tuple[list[float], bool]:
@@ -97,7 +77,7 @@ def _axis(seconds: list[float], *, stamped: bool) -> tuple[list[float], str]:
     return [second / length for second in seconds], f"{unit} since the first frame"
 
 
-def _top(made: dict[str, Any], rows: list[Row], ok: list[Row]) -> str:
+def _summary(made: dict[str, Any], rows: list[Row], ok: list[Row]) -> Summary:
     unit = _unit(made)
     failed = len(rows) - len(ok)
     facts = [
@@ -115,17 +95,8 @@ def _top(made: dict[str, Any], rows: list[Row], ok: list[Row]) -> str:
         warnings.insert(0, f"{failed} of {len(rows)} frames could not be reconstructed: see below.")
     if "unknown" in made["scale"]:
         warnings.append("The metric scale is unknown: lengths are in baselines of the rig.")
-    cells = "".join(f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>" for name, value in facts)
-    items = "".join(f'<li class="alarm">{escape(text)}</li>' for text in alarms)
-    items += "".join(f"<li>{escape(text)}</li>" for text in warnings)
     lead = f"{counted(made['frames']['pairs_in_input'], 'pair')} in the input, {len(rows)} chosen."
-    return (
-        f'<header class="top"><div><h1>Survey of {escape(", ".join(made["input"]))}</h1>'
-        f'<p class="lead">{lead}</p></div>'
-        '<button id="theme" title="light or dark" aria-label="light or dark">◐</button></header>'
-        + (f'<ul class="warnings">{items}</ul>' if items else "")
-        + f'<dl class="facts">{cells}</dl>'
-    )
+    return Summary(lead, facts, warnings, alarms)
 
 
 def _told(warning: dict[str, Any]) -> str:
@@ -152,20 +123,7 @@ def _chosen(
         "start": low, "end": high, "left": LEFT, "margin": RIGHT,
         "stamped": stamped,
     }  # fmt: skip
-    view = (
-        '<iframe class="view" allow="fullscreen" title="surface of the chosen frame"></iframe>'
-        if seen
-        else "<p>No surfaces were written.</p>"
-    )
-    return (
-        '<section id="view"><h2>Surface of a frame</h2><p class="text">Choose a frame by its number, its picture, '
-        "or on a time line; the folder views/ must lie beside this page for frames other than the one shown first.</p>"
-        '<div class="chosen"><button id="back" aria-label="previous frame">&lsaquo;</button>'
-        '<input id="number" type="number" aria-label="frame">'
-        '<button id="next" aria-label="next frame">&rsaquo;</button>'
-        f'<span id="says"></span><a id="open" target="_blank">open alone</a></div>{view}'
-        f'<script type="application/json" id="survey">{script_safe(json.dumps(data))}</script></section>'
-    )
+    return json.dumps(data)
 
 
 def _has_view(row: Row) -> bool:
@@ -179,8 +137,8 @@ def _compact(row: Row, second: float) -> list[Any]:
     return [row["frame"], round(second, 3), *rounded, int(_has_view(row)), reason]
 
 
-def _time_lines(rows: list[Row], x: list[float], label: str, made: dict[str, Any]) -> str:
-    failures = [second for row, second in zip(rows, x, strict=True) if not succeeded(row)]
+def _charts(rows: list[Row], x: list[float], label: str, made: dict[str, Any]) -> list[Markup]:
+    failed = [second for row, second in zip(rows, x, strict=True) if not succeeded(row)]
     low, high = _column(rows, "depth_p05"), _column(rows, "depth_p95")
     lines = [
         Line("Density", "%", x, [100 * value for value in _column(rows, "density")], top=100.0),
@@ -188,11 +146,55 @@ def _time_lines(rows: list[Row], x: list[float], label: str, made: dict[str, Any
         Line("Depth: median, 5 to 95 %", _unit(made), x, _column(rows, "depth_p50"), low, high),
         Line("Time a frame took", "s", x, _column(rows, "seconds")),
     ]
-    drawn = "".join(chart(line, label, failures) for line in lines)
-    return (
-        '<section><h2>Along the dive</h2><p class="text">Red ticks: frames that failed. Click to choose a frame.</p>'
-        f'<div class="charts">{drawn}</div></section>'
-    )
+    return [chart(line, label, failed) for line in lines]
+
+
+def _worst(ok: list[Row]) -> list[Row]:
+    """Frames with the least density, the worst first."""
+    return sorted(ok, key=lambda row: (row["density"], -(row["row_error_median_px"] or 0.0)))[:_WORST]
+
+
+def _frame(store: Store, row: Row, unit: str = "") -> dict[str, Any]:
+    """What the page shows of a frame: its picture, words, and, where it has a unit, its line in the table."""
+    ok = succeeded(row)
+    words = f"{row['frame']} · {percent(row['density'])}" if ok else f"{row['frame']} · {row['reason']}"
+    shown = {"number": row["frame"], "ok": ok, "words": words, "preview": _preview(store, row)}
+    return shown | ({"cells": _cells(row, unit)} if unit else {})
+
+
+def _cells(row: Row, unit: str) -> list[str]:
+    searched = f"{row['min_disparity']} to {row['max_disparity']} px"
+    row_error, depth = number(row["row_error_median_px"], "px"), number(row["depth_p50"], unit)
+    return [percent(row["density"]), row_error, depth, searched, str(row["triangles"] or "")]
+
+
+def _preview(store: Store, row: Row) -> str:
+    name = f"{PREVIEWS}/{frame_name(row['frame'])}.jpg"
+    if name not in row["files"]:
+        return ""
+    return f"data:image/jpeg;base64,{base64.b64encode((store.root / name).read_bytes()).decode()}"
+
+
+def _failure(store: Store, group: list[Row]) -> dict[str, Any]:
+    """Frames that could not be reconstructed for one reason."""
+    return {
+        "count": len(group),
+        "reason": group[0]["reason"],
+        "numbers": _ranges([row["frame"] for row in group]),
+        "frames": [_frame(store, row) for row in group[:_FAILURES_SHOWN]],
+    }
+
+
+def _ranges(numbers: Sequence[int], most: int = 24) -> str:
+    """``3, 5-9, 12``."""
+    runs: list[list[int]] = []
+    for value in numbers:
+        if runs and value == runs[-1][-1] + 1:
+            runs[-1][1:] = [value]
+        else:
+            runs.append([value])
+    texts = ["-".join(map(str, run)) for run in runs]
+    return ", ".join(texts[:most]) + (" ..." if len(texts) > most else "")
 
 
 def _column(rows: list[Row], name: str) -> list[float]:
@@ -200,25 +202,18 @@ def _column(rows: list[Row], name: str) -> list[float]:
     return [math.nan if value is None else float(value) for value in values]
 
 
-def _origin(made: dict[str, Any]) -> str:
-    """What it was made from, to the last bit."""
+def _origin(made: dict[str, Any]) -> list[tuple[str, list[tuple[str, Any]]]]:
+    """What it was made from, to the last bit: tables by title."""
     files_of = [
         (f"{name}: {file}", digest) for name, inside in made["input"].items() for file, digest in inside.items()
     ]
-    parts = [
+    return [
         ("Input, SHA-256", files_of),
         ("Rigs", [(f"rig {name}", json.dumps(rig)) for name, rig in made["rigs"].items()]),
         ("Survey", list(made["survey"].items())),
         ("Parameters", list(made["parameters"].items())),
         ("Versions", list(made["versions"].items())),
     ]
-    tables = "".join(
-        f"<details><summary>{title}</summary><div class='tablewrap'><table><tbody>"
-        + "".join(f"<tr><th scope='row'>{escape(str(a))}</th><td>{escape(str(b))}</td></tr>" for a, b in rows)
-        + "</tbody></table></div></details>"
-        for title, rows in parts
-    )
-    return f"<section><h2>Made from</h2>{tables}</section>"
 
 
 def _middle(summary: dict[str, float] | None) -> float | None:
@@ -227,3 +222,18 @@ def _middle(summary: dict[str, float] | None) -> float | None:
 
 def _median(values: list[float]) -> float | None:
     return sorted(values)[len(values) // 2] if values else None
+
+
+def counted(count: int, noun: str) -> str:
+    """``1 pair``, ``2 pairs``."""
+    return f"{count} {noun}" + ("" if count == 1 else "s")
+
+
+def percent(value: float | None) -> str:
+    """A share, 0 to 1, in words."""
+    return "\u2013" if value is None else f"{100 * value:.0f} %"
+
+
+def number(value: float | None, unit: str) -> str:
+    """A value with its unit."""
+    return "\u2013" if value is None else f"{value:.3g} {unit}"
