@@ -24,7 +24,7 @@ from uw_recon_ros.system_errors import explain
 
 #: Words that only a machine or a library says.
 FOREIGN = re.compile(
-    r"Errno|errno|Traceback|broadcast|object has no attribute|NoneType|zstd\.|ZstdError|McapError|yaml\.|cv2\.|OpenCV"
+    r"Errno|errno|Traceback|broadcast|object has no attribute|NoneType|zstd\.|ZstdError|McapError|yaml\.|cv2\.|OpenCV\("
     r"|while (scanning|parsing)|unpack(_from| requires)|codec can|expected str|Invalid argument|No such|Not a directory"
     r"|Is a directory"
 )

@@ -13,7 +13,7 @@ import numpy as np
 from uw_recon_ros.calibration.judge import judge_depths
 from uw_recon_ros.errors import EstimationError, ReconError
 from uw_recon_ros.files.atomic import finite, write_bytes
-from uw_recon_ros.files.calibrations import read_calibration
+from uw_recon_ros.files.calibrations import Paths, read_calibration
 from uw_recon_ros.files.disparities import check_disparity_format, write_disparity, write_pfm
 from uw_recon_ros.files.images import read_image, write_image
 from uw_recon_ros.files.meshes import write_glb, write_ply
@@ -31,7 +31,7 @@ from uw_recon_ros.warm import tell_if_cold
 Report = dict[str, Any]
 
 
-def read_pair(left: str | Path, right: str | Path, calibration: str | Path | None = None) -> StereoPair:
+def read_pair(left: str | Path, right: str | Path, calibration: Paths | None = None) -> StereoPair:
     """Read two image files, and the rig's calibration if there is one.
 
     Raises
@@ -40,7 +40,8 @@ def read_pair(left: str | Path, right: str | Path, calibration: str | Path | Non
         Naming the file.
     """
     images = read_image(left), read_image(right)
-    return stereo_pair(*images, read_calibration(calibration) if calibration else None, f"{left}, {right}")
+    size = images[0].shape[1], images[0].shape[0]
+    return stereo_pair(*images, read_calibration(calibration, size) if calibration else None, f"{left}, {right}")
 
 
 def _report(result: Products) -> Report:
@@ -159,7 +160,7 @@ def reconstruct_files(
     right: str | Path,
     output: str | Path,
     params: PipelineParams,
-    calibration: str | Path | None = None,
+    calibration: Paths | None = None,
     *,
     overwrite: bool = False,
 ) -> Report:

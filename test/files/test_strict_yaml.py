@@ -197,7 +197,8 @@ def test_a_calibration_that_makes_no_sense(tmp_path: Path, spoiled: str, told: s
 
 
 @pytest.mark.parametrize(
-    ("name", "told"), [("none.yaml", "there is no such file or folder"), (".", "expected a file, got a folder")]
+    ("name", "told"),
+    [("none.yaml", "there is no such file or folder"), ("nothing/inside", "there is no such file or folder")],
 )
 def test_no_file(tmp_path: Path, name: str, told: str) -> None:
     with pytest.raises(CalibrationError, match=told):

@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 
 from uw_recon_ros.calibration.judge import DISTORTION_COUNTS, is_rotation
+from uw_recon_ros.calibration.names import model_named
 from uw_recon_ros.errors import CalibrationError
 from uw_recon_ros.findings import Code
-from uw_recon_ros.types import CameraModel, Matrix
+from uw_recon_ros.types import CameraModel, Matrix, StereoCalibration
 
 _LARGEST = 1e9  # px, or px m: what a number of K or P may be
+_SAME_PROPORTIONS = 0.01  # relative difference: what rounding to whole and even pixels leaves
 
 
 def _matrix(name: str, values: Any, shape: tuple[int, int]) -> Matrix:
@@ -56,6 +58,7 @@ def make_camera(
     CalibrationError
         E.g. for ``k[0] = 0``, ROS's way to say "not calibrated".
     """
+    distortion_model = model_named(distortion_model, np.size(d) if isinstance(d, (list, tuple, np.ndarray)) else 0)
     intrinsic = _matrix("K", k, (3, 3))
     if not (intrinsic[0, 0] > 0 and intrinsic[1, 1] > 0):
         raise CalibrationError(
@@ -151,3 +154,32 @@ def as_imaged(camera: CameraModel, binning: tuple[int, int], roi: tuple[int, int
         camera, width=size[0], height=size[1], k=to_image @ camera.k, p=to_image @ camera.p,
         binning=(int(step[0]), int(step[1])),
     )  # fmt: skip
+
+
+def scaled(calibration: StereoCalibration, size: tuple[int, int]) -> StereoCalibration:
+    """The calibration of the same rig whose images are made smaller or larger as a whole.
+
+    Parameters
+    ----------
+    calibration : StereoCalibration
+    size : (width, height)
+        px.
+
+    Raises
+    ------
+    CalibrationError
+        The proportions differ: another mode of the camera shows another part of the sensor, which no scale tells.
+    """
+    return StereoCalibration(_scaled(calibration.left, size), _scaled(calibration.right, size))
+
+
+def _scaled(camera: CameraModel, size: tuple[int, int]) -> CameraModel:
+    x, y = size[0] / camera.width, size[1] / camera.height
+    if abs(x / y - 1) > _SAME_PROPORTIONS:
+        raise CalibrationError(
+            f"size: expected the proportions of {camera.width}x{camera.height} px, got {size[0]}x{size[1]}: the camera "
+            "cuts its image off in one of both modes; calibrate in the mode that is recorded",
+            Code.CALIBRATION_SIZE_DIFFERS,
+        )
+    to_size = np.array([[x, 0, (x - 1) / 2], [0, y, (y - 1) / 2], [0, 0, 1]])  # pixel centres are whole numbers
+    return replace(camera, width=size[0], height=size[1], k=to_size @ camera.k, p=to_size @ camera.p)

@@ -14,6 +14,7 @@ from collections.abc import Collection, Sequence
 from uw_recon_ros import signals
 from uw_recon_ros.cli import (
     completion,
+    convert_calibration,
     disparity,
     doctor,
     evaluate,
@@ -31,7 +32,10 @@ from uw_recon_ros.errors import ReconError
 from uw_recon_ros.progress import say
 from uw_recon_ros.system_errors import explain, our_fault
 
-_MODULES = (pair, disparity, pack, info, simulate, evaluate, doctor, warmup, survey, model, evaluate_model, completion)
+_MODULES = (
+    pair, disparity, pack, info, simulate, evaluate, doctor, warmup, survey, model, evaluate_model, convert_calibration,
+    completion,
+)  # fmt: skip
 VERBS = {verb.__name__.rpartition(".")[2].replace("_", "-"): verb for verb in _MODULES}
 
 

@@ -45,6 +45,14 @@ def add_params(parser: argparse.ArgumentParser, specs: Iterable[ParamSpec]) -> N
         )
 
 
+def add_calibration(parser: argparse.ArgumentParser) -> None:
+    """The option of a rig's calibration."""
+    parser.add_argument(
+        "--calibration", action="append", metavar="FILE",
+        help="of the rig, in any form that convert-calibration reads; twice for left and right in files of their own",
+    )  # fmt: skip
+
+
 def given_params(args: argparse.Namespace, specs: Iterable[ParamSpec]) -> dict[str, object]:
     """Those that were given, by name."""
     values = {spec.name: getattr(args, spec.name) for spec in specs}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from uw_recon_ros.cli.common import OK, shown
+from uw_recon_ros.cli.common import OK, add_calibration, shown
 
 HELP = "put folders of stills into a bag"
 DESCRIPTION = "Stills to a rosbag2 bag."
@@ -16,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--left", required=True, metavar="GLOB", help="left images, quoted: 'left/*.png'")
     parser.add_argument("--right", required=True, metavar="GLOB")
     parser.add_argument("-o", "--output", required=True, metavar="BAG")
-    parser.add_argument("--calibration", metavar="FILE", help="two camera_info YAML documents, left and right")
+    add_calibration(parser)
     parser.add_argument("--rate", type=float, default=2.0, metavar="HZ", help="pairs a second (default %(default)s)")
 
 

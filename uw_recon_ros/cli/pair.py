@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from uw_recon_ros.cli.common import OK, pipeline_params, warn
+from uw_recon_ros.cli.common import OK, add_calibration, pipeline_params, warn
 from uw_recon_ros.progress import say
 
 HELP = "reconstruct one image pair"
@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("left", help="image of the left camera (the upper or lower one of a vertical rig)")
     parser.add_argument("right", help="image of the right camera")
     parser.add_argument("-o", "--output", required=True, metavar="DIR", help="folder to fill; index.html shows it all")
-    parser.add_argument("--calibration", metavar="FILE", help="two camera_info YAML documents, left and right")
+    add_calibration(parser)
     parser.add_argument("--params", metavar="FILE", help="ROS parameter file")
     parser.add_argument("--overwrite", action="store_true", help="replace files of an earlier run")
 

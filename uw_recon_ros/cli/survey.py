@@ -10,7 +10,16 @@ import sys
 from typing import TYPE_CHECKING
 
 from uw_recon_ros import signals
-from uw_recon_ros.cli.common import FAILED, OK, UsageError, add_params, given_params, pipeline_params, warn
+from uw_recon_ros.cli.common import (
+    FAILED,
+    OK,
+    UsageError,
+    add_calibration,
+    add_params,
+    given_params,
+    pipeline_params,
+    warn,
+)
 from uw_recon_ros.progress import say
 
 if TYPE_CHECKING:
@@ -35,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("inputs", nargs="+", metavar="BAG", help="bags, folders of bags, folders with left/ and right/")
     parser.add_argument("-o", "--output", required=True, metavar="DIR", help="folder to fill, or to go on with")
     parser.add_argument("--params", metavar="FILE", help="ROS parameter file")
-    parser.add_argument("--calibration", metavar="FILE", help="two camera_info YAML documents, instead of the bag's")
+    add_calibration(parser)
     parser.add_argument("--overwrite", action="store_true", help="clear what another survey left in DIR")
     workers = parser.add_mutually_exclusive_group()
     workers.add_argument("--jobs", type=_positive, metavar="N", help="local processes (default: all cores)")
@@ -66,7 +75,9 @@ def run(args: argparse.Namespace) -> int:
         survey_params = _survey_params(args)
     except (TypeError, ValueError) as error:
         raise UsageError(str(error)) from error
-    request = Request(args.inputs, args.output, pipeline_params(args), survey_params, args.calibration, args.overwrite)
+    request = Request(
+        args.inputs, args.output, pipeline_params(args), survey_params, tuple(args.calibration or ()), args.overwrite
+    )
     progress = Progress("quiet" if args.quiet else "json" if args.json else "people")
     try:
         outcome = run_survey(request, lambda: _executor(args), progress)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 
+from uw_recon_ros.calibration.together import rectifying_views
 from uw_recon_ros.simulate.params import SimulateParams
-from uw_recon_ros.types import CameraModel, Matrix, StereoCalibration, StereoGeometry
+from uw_recon_ros.types import Axis, CameraModel, Matrix, StereoCalibration, StereoGeometry
 
 LEFT_FRAME = "simulated_left_optical_frame"
 RIGHT_FRAME = "simulated_right_optical_frame"
@@ -54,7 +56,8 @@ def make_rig(params: SimulateParams) -> Rig:
     along = np.array([1.0, 0.0, 0.0]) if params.axis == "horizontal" else np.array([0.0, 1.0, 0.0])
     center = params.baseline_m * along + crooked
     right_from_left = rotation_about(turn)
-    turns, projection, baseline = rectify_cameras(intrinsics, turn, center, params.axis, (params.width, params.height))
+    size, axis = (params.width, params.height), cast("Axis", params.axis)
+    turns, projection, baseline = rectifying_views((intrinsics[0], intrinsics[1]), turn, center, axis, size)
     cameras = [
         CameraModel(params.width, params.height, k, d, r, _projection(projection, side * baseline, params.axis),
                     "plumb_bob", frame)
@@ -87,44 +90,6 @@ def rotation_about(axis_angle: Matrix) -> Matrix:
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     rotation: Matrix = np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * (cross @ cross)
     return rotation
-
-
-def rectify_cameras(
-    intrinsics: list[Matrix], turn: Matrix, center: Matrix, axis: str, size: tuple[int, int]
-) -> tuple[list[Matrix], Matrix, float]:
-    """Rectifying rotations of both cameras, the common intrinsic matrix, and the baseline in m.
-
-    Each camera takes half of the turn between them; then both turn the baseline onto their x (y) axis.
-
-    Parameters
-    ----------
-    intrinsics : two (3, 3)
-    turn : (3,)
-        Axis-angle of right_from_left, rad.
-    center : (3,)
-        Of the right camera in the left optical frame, m.
-    axis : {'horizontal', 'vertical'}
-    size : (width, height)
-    """
-    half = rotation_about(turn / 2)
-    baseline = half @ center
-    first = baseline / np.linalg.norm(baseline)
-    ahead = np.array([0.0, 0.0, 1.0])
-    if axis == "horizontal":
-        second = np.cross(ahead, first)
-        second /= np.linalg.norm(second)
-        align = np.stack([first, second, np.cross(first, second)])
-    else:
-        second = np.cross(first, ahead)
-        second /= np.linalg.norm(second)
-        align = np.stack([second, first, np.cross(second, first)])
-    turns = [align @ half, align @ half.T]
-    focal = float(np.mean([np.diag(k)[:2].mean() for k in intrinsics]))
-    middle = np.array([(size[0] - 1) / 2, (size[1] - 1) / 2, 1.0])
-    seen = [r @ np.linalg.solve(k, middle) for r, k in zip(turns, intrinsics, strict=True)]
-    cx, cy = middle[:2] - focal * np.mean([ray[:2] / ray[2] for ray in seen], axis=0)
-    common = np.array([[focal, 0.0, cx], [0.0, focal, cy], [0.0, 0.0, 1.0]])
-    return turns, common, float(np.linalg.norm(baseline))
 
 
 def _projection(common: Matrix, baseline_m: float, axis: str) -> Matrix:

@@ -13,7 +13,7 @@ from uw_recon_ros.pipeline import PipelineParams
 from uw_recon_ros.progress import Progress
 from uw_recon_ros.survey.params import SurveyParams
 from uw_recon_ros.survey.plan import versions
-from uw_recon_ros.survey.sources import Source, fingerprint, sha256, source_files
+from uw_recon_ros.survey.sources import Source, digests, fingerprint, source_files
 from uw_recon_ros.survey.store import SurveyError
 
 _INERT = {"match_threads"}  # the output does not depend on it
@@ -32,8 +32,8 @@ class Request:
         Directory.
     pipeline : PipelineParams
     survey : SurveyParams
-    calibration : str or None
-        File to take instead of what the inputs say.
+    calibration : tuple of str
+        Files to take instead of what the inputs say.
     overwrite : bool
         Whether to clear what another survey left in `output`.
     """
@@ -42,7 +42,7 @@ class Request:
     output: str
     pipeline: PipelineParams
     survey: SurveyParams
-    calibration: str | None = None
+    calibration: tuple[str, ...] = ()
     overwrite: bool = False
 
     def check_extras(self) -> None:
@@ -111,7 +111,7 @@ def settings_of(request: Request, sources: list[Source], progress: Progress) -> 
     parameters = {name: value for stage in stages for name, value in _values(stage).items()}
     return {
         "input": names,
-        "calibration": sha256(request.calibration) if request.calibration else None,
+        "calibration": [digest for path in request.calibration for digest in digests(path)] or None,
         "survey": _values(request.survey),
         "parameters": {name: value for name, value in parameters.items() if name not in _INERT},
         "versions": versions(),

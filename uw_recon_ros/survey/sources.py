@@ -186,6 +186,14 @@ def fingerprint(source: Source, on_bytes: Callable[[int], None] = lambda count: 
     return {file.relative_to(base).as_posix(): sha256(file, on_bytes) for file in source_files(source)}
 
 
+def digests(path: str | Path) -> list[str]:
+    """SHA-256 of a file, or of the files right in a folder, by name."""
+    path = Path(path)
+    with told_as(BagError, path, "a file or a folder"):
+        files = sorted(file for file in path.iterdir() if file.is_file()) if path.is_dir() else [path]
+    return [sha256(file) for file in files]
+
+
 def sha256(path: str | Path, on_bytes: Callable[[int], None] = lambda count: None) -> str:
     """Digest of a file, read in pieces."""
     digest = hashlib.sha256()

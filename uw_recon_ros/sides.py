@@ -1,0 +1,64 @@
+"""Which of two names is the left camera's: the one table of words, for topics, folders and files alike."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+
+#: Words for the left (upper) and the right (lower) camera, best known first.
+PAIRS = (
+    ("left", "right"), ("port", "starboard"), ("port", "stbd"), ("upper", "lower"), ("top", "bottom"), ("l", "r"),
+)  # fmt: skip
+_NUMBERED = len(PAIRS)  # grade of names that differ by a number only
+_WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+")
+
+
+def partners(left: str) -> dict[str, int]:
+    """What the right camera may be called for a name of the left one: lower-case names and their grades, 0 the best."""
+    found: dict[str, int] = {}
+    for grade, (word, other) in enumerate(PAIRS):
+        places = list(_places(left, word))
+        for chosen in [places, *([place] for place in places if len(places) > 1)]:
+            if chosen:
+                found.setdefault(_replaced(left, chosen, len(word), other), grade)
+    for match in re.finditer(r"[0-9]+", left):
+        number = int(match[0])
+        following = str(number + 1).zfill(len(match[0]))
+        name = f"{left[: match.start()]}{following}{left[match.end() :]}".lower()
+        found.setdefault(name, _NUMBERED + min(number, 2))
+    return found
+
+
+def _places(name: str, word: str) -> Iterator[int]:
+    """Where a word begins: a long one anywhere, a single letter only as a word of its own."""
+    if len(word) > 1:
+        yield from (match.start() for match in re.finditer(word, name.lower()))
+    else:
+        yield from (match.start() for match in _WORD.finditer(name) if match[0].lower() == word)
+
+
+def _replaced(name: str, places: Sequence[int], length: int, other: str) -> str:
+    pieces, done = [], 0
+    for place in places:
+        pieces += [name[done:place], other]
+        done = place + length
+    return "".join([*pieces, name[done:]]).lower()
+
+
+def pairs_of(names: Sequence[str]) -> list[tuple[int, str, str]]:
+    """Grade, left and right of every two names that can be a rig's, best first."""
+    known = {name.lower(): name for name in names}
+    found = [
+        (grade, left, known[right])
+        for left in names
+        for right, grade in partners(left).items()
+        if right in known and known[right] != left
+    ]
+    return sorted(found)
+
+
+def side_of(name: str) -> int | None:
+    """0: a name of the left camera, 1: of the right; None: it does not tell, or tells both."""
+    told = {side for pair in PAIRS for side, word in enumerate(pair) if list(_places(name, word))}
+    told = told or ({int(name[-1])} if name[-1:] in ("0", "1") else set())
+    return told.pop() if len(told) == 1 else None
