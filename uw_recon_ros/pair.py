@@ -28,7 +28,7 @@ from uw_recon_ros.stopwatch import Stopwatch
 from uw_recon_ros.types import DepthMap, EnhancedPair, StereoPair
 from uw_recon_ros.warm import tell_if_cold
 
-Report = dict[str, Any]
+PairReport = dict[str, Any]
 
 
 def read_pair(left: str | Path, right: str | Path, calibration: Paths | None = None) -> StereoPair:
@@ -44,7 +44,7 @@ def read_pair(left: str | Path, right: str | Path, calibration: Paths | None = N
     return stereo_pair(*images, read_calibration(calibration, size) if calibration else None, f"{left}, {right}")
 
 
-def _report(result: Products) -> Report:
+def _report(result: Products) -> PairReport:
     quality, disparity = result.rectified.quality, result.disparity
     findings = severe(result.enhanced.findings) + quality.warnings + judge_depths(result.depth)
     return {
@@ -73,7 +73,7 @@ def _report(result: Products) -> Report:
     }
 
 
-def _geometry(depth: DepthMap) -> Report:
+def _geometry(depth: DepthMap) -> PairReport:
     """All that turns ``disparity.pfm`` into points in `frame_id`."""
     geometry = depth.geometry
     height, width = depth.depth.shape
@@ -94,7 +94,7 @@ def _geometry(depth: DepthMap) -> Report:
     }
 
 
-def _failure(stage: str, error: ReconError) -> Report:
+def _failure(stage: str, error: ReconError) -> PairReport:
     """A report of the same form for a pair that did not come through."""
     nothing = dict.fromkeys(["method", "row_error_median_px", "row_error_p95_px", "inliers"])
     matching = dict.fromkeys(["method", "energy", "seconds", "density", "min_disparity", "max_disparity"])
@@ -119,7 +119,7 @@ def _write_enhanced(output: Path, enhanced: EnhancedPair) -> None:
     write_image(output / "right_enhanced.png", enhanced.right)
 
 
-def _write_result(output: Path, result: Products, report: Report) -> None:
+def _write_result(output: Path, result: Products, report: PairReport) -> None:
     _write_enhanced(output, result.enhanced)
     write_image(output / "left_rect.png", result.rectified.left)
     write_image(output / "right_rect.png", result.rectified.right)
@@ -163,7 +163,7 @@ def reconstruct_files(
     calibration: Paths | None = None,
     *,
     overwrite: bool = False,
-) -> Report:
+) -> PairReport:
     """Reconstruct two image files into a folder; return what ``report.json`` holds.
 
     Raises
@@ -210,7 +210,7 @@ def _claim_file(output: Path, overwrite: bool) -> None:
 
 def match_files(
     left: str | Path, right: str | Path, output: str | Path, params: MatchParams, *, overwrite: bool = False
-) -> Report:
+) -> PairReport:
     """Match two rectified image files into a file of the format its name says; return the numbers.
 
     Raises

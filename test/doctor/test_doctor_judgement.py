@@ -25,8 +25,8 @@ from helpers.sights import (
 )
 
 from uw_recon_ros.doctor.cameras import offsets_ms
+from uw_recon_ros.doctor.check import Level, fail, warn
 from uw_recon_ros.doctor.diagnose import Diagnosis, diagnose
-from uw_recon_ros.doctor.finding import Level, fail, warn
 from uw_recon_ros.doctor.observation import (
     Arrivals,
     ClockSight,

@@ -24,7 +24,7 @@ from uw_recon_ros.bags.reader import open_bag
 from uw_recon_ros.bags.writer import BagWriter
 from uw_recon_ros.errors import BagError
 from uw_recon_ros.nodes.bag_player_node import BagPlayerNode
-from uw_recon_ros.nodes.replay import Report, parse, recorded_profile
+from uw_recon_ros.nodes.replay import Tally, parse, recorded_profile
 from uw_recon_ros.ros import messages
 from uw_recon_ros.ros.diagnostics import IDLE
 
@@ -323,11 +323,11 @@ def test_a_latched_topic_reaches_those_who_come_late(bench: Bench, tmp_path: Pat
 
 
 def test_the_report() -> None:
-    report = Report()
+    tally = Tally()
     for late_s in (0.001, 0.002, 0.030):
-        report.sent("/left/image_raw")
-        report.late(late_s)
-    assert report.line(1.5, 2.0) == (
+        tally.sent("/left/image_raw")
+        tally.late(late_s)
+    assert tally.line(1.5, 2.0) == (
         "sent 3 messages in 1.50 s at rate 2 (/left/image_raw 3), late by 2.0 ms median, 30.0 ms at most"
     )
-    assert "nothing" in Report().line(0.0, 1.0)
+    assert "nothing" in Tally().line(0.0, 1.0)

@@ -126,7 +126,7 @@ def test_the_chain_is_the_nodes() -> None:
         assert stage.output in outputs
         declared |= outputs
     for wanted in pipeline_node.INPUTS:
-        declared |= {source.topic: source.type for source in wanted.sources}
+        declared |= {topic.name: topic.type for topic in wanted.alternatives}
     for topic, kind in TYPES.items():
         package, _, name = kind.split("/")
         assert declared[topic].__name__ == name

@@ -90,9 +90,11 @@ def test_a_stage_does_what_it_may_and_nothing_else(bench: Bench, name: str) -> N
     node = bench.start(make, use_sim_time=True)
     may_subscribe = allowed(name, "topics", "subscribe")
     subscribed: set[str] = set()
-    for rank in range(max(len(wanted.sources) for wanted in inputs)):
-        talkers = [bench.talk(s.type, s.topic) for s in (w.sources[min(rank, len(w.sources) - 1)] for w in inputs)]
-        topics = {f"/{w.sources[min(rank, len(w.sources) - 1)].topic}" for w in inputs}
+    for rank in range(max(len(wanted.alternatives) for wanted in inputs)):
+        talkers = [
+            bench.talk(s.type, s.topic) for s in (w.alternatives[min(rank, len(w.alternatives) - 1)] for w in inputs)
+        ]
+        topics = {f"/{w.alternatives[min(rank, len(w.alternatives) - 1)].topic}" for w in inputs}
         bench.spin_until(lambda t=topics: t <= seen(bench, node)["subscribe"], f"subscriptions to {topics}")
         subscribed |= seen(bench, node)["subscribe"]
         for talker in talkers:

@@ -21,7 +21,7 @@ ROOT = Path(__file__).parents[2]
 RVIZ, FOXGLOVE = ROOT / "config" / "rviz" / "uw_recon.rviz", ROOT / "config" / "foxglove" / "uw_recon.json"
 #: All topics by message, cameras included: absolute, as without a name space.
 TYPES = {
-    **{f"/{source.topic}": source.type.__name__ for wanted in pipeline_node.INPUTS for source in wanted.sources},
+    **{f"/{topic.name}": topic.type.__name__ for wanted in pipeline_node.INPUTS for topic in wanted.alternatives},
     **{f"/{output.topic}": output.type.__name__ for output in pipeline_node.OUTPUTS},
 }
 LATCHED = {f"/{output.topic}" for output in pipeline_node.OUTPUTS if output.latched}

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 from uw_recon_ros.rectify import RectifyParams
 from uw_recon_ros.rectify.quality import flatness_warnings, homography_distortion, homography_share, refusals
 from uw_recon_ros.rectify.rectification import row_statistics
-from uw_recon_ros.rectify.views import View
+from uw_recon_ros.rectify.rectified_camera import RectifiedCamera
 
 
 def test_a_similarity_does_not_distort():
@@ -46,7 +46,7 @@ def test_flat_scenes_are_told_from_deep_ones():
 def test_an_epipole_in_the_image_is_refused_however_well_the_rows_agree():
     points = tie_points(make_rig())
     k = intrinsics(640, 480, 620.0)
-    views = (View(k, np.eye(3), k), View(k, np.eye(3), k))
+    views = (RectifiedCamera(k, np.eye(3), k), RectifiedCamera(k, np.eye(3), k))
     towards = np.array([[0, -1.0, 240.0], [1.0, 0, -300.0], [-240.0, 300.0, 0]])  # both epipoles at (300, 240)
     (reason,) = refusals(views, towards, points, (0.1, 0.3), RectifyParams())
     assert "forward motion: the epipole lies in the left image, at (300, 240) of 640x480 px" in reason
@@ -59,10 +59,10 @@ def test_an_epipole_in_the_image_is_refused_however_well_the_rows_agree():
 @pytest.mark.parametrize(("roll_deg", "refused"), [(55, False), (-55, False), (65, True), (-80, True), (90, True)])
 def test_a_view_turned_by_more_than_60_degrees_is_refused(roll_deg, refused):
     k = intrinsics(640, 480, 620.0)
-    turned = View(k, Rotation.from_euler("z", roll_deg, degrees=True).as_matrix(), k)
+    turned = RectifiedCamera(k, Rotation.from_euler("z", roll_deg, degrees=True).as_matrix(), k)
     sideways = np.array([[0.0, 0, 0], [0, 0, -1], [0, 1, 0]])
     points = tie_points(make_rig())
-    views = turned, View(k, np.eye(3), k)
+    views = turned, RectifiedCamera(k, np.eye(3), k)
     reasons = refusals(views, sideways, points, (0.1, 0.3), RectifyParams())
     assert any(f"left image would be turned by {roll_deg} deg" in reason for reason in reasons) is refused
 

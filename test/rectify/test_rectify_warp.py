@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from uw_recon_ros.rectify.views import View
+from uw_recon_ros.rectify.rectified_camera import RectifiedCamera
 from uw_recon_ros.rectify.warp import inner_windows, make_canvas, row_spans, swapped_map, swapped_window, warp_image
 from uw_recon_ros.types import Window
 
@@ -61,7 +61,7 @@ def test_longest_run_where_a_row_has_holes():
 
 def test_identity_shows_everything_and_changes_nothing():
     k = intrinsics(64, 48, 60.0)
-    canvas = make_canvas(View(k, np.eye(3), k), 64, 48, 64, 48)
+    canvas = make_canvas(RectifiedCamera(k, np.eye(3), k), 64, 48, 64, 48)
     assert canvas.shown.all()
     image = np.random.default_rng(0).integers(0, 256, (48, 64, 3), dtype=np.uint8)
     np.testing.assert_array_equal(warp_image(image, canvas.raw_from_rect, "cubic"), image)
@@ -70,7 +70,7 @@ def test_identity_shows_everything_and_changes_nothing():
 @pytest.mark.parametrize("interpolation", ["linear", "cubic", "lanczos"])
 def test_a_smooth_image_is_read_where_the_map_says(interpolation):
     k = intrinsics(160, 120, 150.0)
-    view = View(k, Rotation.from_euler("xyz", [1, -2, 4], degrees=True).as_matrix(), k)
+    view = RectifiedCamera(k, Rotation.from_euler("xyz", [1, -2, 4], degrees=True).as_matrix(), k)
     v, u = np.mgrid[0:120, 0:160]
     image = np.rint(128 + 60 * np.sin(u / 12) + 50 * np.cos(v / 15)).astype(np.uint8)
     canvas = make_canvas(view, 160, 120, 160, 120)
@@ -85,7 +85,7 @@ def test_a_smooth_image_is_read_where_the_map_says(interpolation):
 
 def test_swapping_rows_and_columns():
     k = intrinsics(40, 30, 50.0)
-    view = View(k, Rotation.from_euler("xyz", [1, -2, 4], degrees=True).as_matrix(), k)
+    view = RectifiedCamera(k, Rotation.from_euler("xyz", [1, -2, 4], degrees=True).as_matrix(), k)
     canvas = make_canvas(view.transposed(), 30, 40, 30, 40)
     upright = make_canvas(view, 40, 30, 40, 30)
     np.testing.assert_allclose(swapped_map(canvas.raw_from_rect), upright.raw_from_rect, atol=1e-4)

@@ -1,6 +1,6 @@
 """Recordings: read, judged, written. The only room that knows the bag libraries; it needs no ROS."""
 
-from uw_recon_ros.bags.findings import BagInfo
+from uw_recon_ros.bags.contents import BagInfo
 from uw_recon_ros.bags.info import bag_info
 from uw_recon_ros.bags.model import QosProfile, RawMessage, TopicInfo
 from uw_recon_ros.bags.pack import pack

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from uw_recon_ros.bags import messages
-from uw_recon_ros.bags.findings import BagInfo, CameraImages
+from uw_recon_ros.bags.contents import BagInfo, CameraImages
 from uw_recon_ros.bags.model import RawMessage, plain
 from uw_recon_ros.bags.reader import BagReader, open_bag
 from uw_recon_ros.bags.stereo import CameraInfoCache, StereoTopics

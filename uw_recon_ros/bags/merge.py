@@ -1,4 +1,4 @@
-"""Messages of several sources in the order of time, each source opened only when its turn comes."""
+"""Messages of several streams in the order of time, each stream opened only when its turn comes."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ from collections.abc import Callable, Iterable, Iterator
 
 from uw_recon_ros.bags.model import RawMessage
 
-#: Earliest time in the source, ns, and how to start reading it.
-Source = tuple[int, Callable[[], Iterator[RawMessage]]]
+#: Earliest time in the stream, ns, and how to start reading it.
+LateStream = tuple[int, Callable[[], Iterator[RawMessage]]]
 
 
-def merge_by_time(sources: Iterable[Source]) -> Iterator[RawMessage]:
-    """Merge sources that are each in order of log time.
+def merge_by_time(streams: Iterable[LateStream]) -> Iterator[RawMessage]:
+    """Merge streams that are each in order of log time.
 
     Sources wait unopened until the merged stream reaches their first moment, so only those that overlap are held in
-    memory: a chunk or a few, however long the bag. Equal times keep the order of the sources.
+    memory: a chunk or a few, however long the bag. Equal times keep the order of the streams.
 
     Parameters
     ----------
-    sources : iterable of (start_ns, open)
+    streams : iterable of (start_ns, open)
 
     Yields
     ------
@@ -27,7 +27,7 @@ def merge_by_time(sources: Iterable[Source]) -> Iterator[RawMessage]:
     """
     waiting: list[tuple[int, int, Iterator[RawMessage] | None, RawMessage | None]] = []
     openers: list[Callable[[], Iterator[RawMessage]]] = []
-    for serial, (start_ns, opener) in enumerate(sources):
+    for serial, (start_ns, opener) in enumerate(streams):
         openers.append(opener)
         waiting.append((start_ns, serial, None, None))
     heapq.heapify(waiting)

@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Iterator
 
-from uw_recon_ros.bags.findings import BagInfo, CalibrationState
+from uw_recon_ros.bags.contents import BagInfo, CalibrationState
 from uw_recon_ros.bags.stereo import CameraInfoCache
 from uw_recon_ros.calibration import judge as judge_numbers
 from uw_recon_ros.findings import Code, Finding, Severity

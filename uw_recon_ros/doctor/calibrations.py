@@ -5,8 +5,8 @@ from __future__ import annotations
 from uw_recon_ros.calibration import as_imaged, make_camera
 from uw_recon_ros.calibration.judge import has_baseline, judge_calibration
 from uw_recon_ros.calibration.rectified import as_rectified, came_rectified
-from uw_recon_ros.doctor.cameras import source
-from uw_recon_ros.doctor.finding import Finding, Level, fail, ok
+from uw_recon_ros.doctor.cameras import image_topic
+from uw_recon_ros.doctor.check import Check, Level, fail, ok
 from uw_recon_ros.doctor.observation import CameraNumbers, Observation, Topic
 from uw_recon_ros.doctor.suggestions import same_elsewhere, says_side
 from uw_recon_ros.doctor.topic_graph import METRIC_CLOUD, TYPES, UNSCALED_CLOUD
@@ -24,12 +24,12 @@ def scale_is_unknown(seen: Observation) -> bool:
     return topics[UNSCALED_CLOUD] > 0 and not topics[METRIC_CLOUD]
 
 
-def _no_scale(seen: Observation, text: str, advice: str = _CALIBRATE) -> Finding:
+def _no_scale(seen: Observation, text: str, advice: str = _CALIBRATE) -> Check:
     """No calibration: the reason for a missing metric cloud where unscaled ones come, worth a line elsewhere."""
     if scale_is_unknown(seen):
         return fail(_STAGE, f"{text}: the scale is unknown", advice)
     came = seen.topics.get(METRIC_CLOUD, Topic(METRIC_CLOUD)).arrivals.count
-    return Finding(Level.OK if came else Level.WARN, _STAGE, text, "" if came else advice)
+    return Check(Level.OK if came else Level.WARN, _STAGE, text, "" if came else advice)
 
 
 def _camera(seen: Observation, side: str, info: CameraNumbers) -> CameraModel:
@@ -40,18 +40,18 @@ def _camera(seen: Observation, side: str, info: CameraNumbers) -> CameraModel:
         )  # fmt: skip
         camera = as_imaged(camera, info.binning, info.roi)
         told = str(seen.parameter("images_rectified", "auto"))
-        return as_rectified(camera) if came_rectified(told, source(seen, side).name) else camera
+        return as_rectified(camera) if came_rectified(told, image_topic(seen, side).name) else camera
     except CalibrationError as error:
         raise CalibrationError(f"{side} {error}", error.code) from error
 
 
-def _numbers(seen: Observation) -> Finding:
+def _numbers(seen: Observation) -> Check:
     """Both infos came: what do they say."""
     left, right = seen.infos["left"], seen.infos["right"]
     zero = [seen.topics[f"{side}/camera_info"].name for side in SIDES if not any(seen.infos[side].k)]
     if zero:
         return _no_scale(seen, f"{' and '.join(zero)}: K is zero (not calibrated)")
-    size = source(seen, "left").arrivals
+    size = image_topic(seen, "left").arrivals
     try:
         calibration = StereoCalibration(_camera(seen, "left", left), _camera(seen, "right", right))
         if not has_baseline(calibration):
@@ -64,10 +64,10 @@ def _numbers(seen: Observation) -> Finding:
         judgement.raise_refused()
     except CalibrationError as error:
         advice = "calibrate anew, or mend the camera_info files"
-        return Finding(Level.FAIL, _STAGE, f"inconsistent calibration: {error}", advice, code=error.code.value)
+        return Check(Level.FAIL, _STAGE, f"inconsistent calibration: {error}", advice, code=error.code.value)
     if judgement.findings:
         first = judgement.findings[0]
-        return Finding(Level.WARN, _STAGE, f"doubtful calibration: {first.text}", first.advice, code=first.code.value)
+        return Check(Level.WARN, _STAGE, f"doubtful calibration: {first.text}", first.advice, code=first.code.value)
     return ok(
         _STAGE,
         f"{judgement.axis} rig, baseline {abs(judgement.baseline_m):.3f} m, "
@@ -75,7 +75,7 @@ def _numbers(seen: Observation) -> Finding:
     )
 
 
-def _missing(seen: Observation, sides: list[str]) -> Finding:
+def _missing(seen: Observation, sides: list[str]) -> Check:
     names = [f"{side}/camera_info" for side in sides]
     resolved = " and ".join(seen.topics.get(name, Topic(name)).name for name in names)
     kind = {TYPES[names[0]]}
@@ -89,7 +89,7 @@ def _missing(seen: Observation, sides: list[str]) -> Finding:
     return _no_scale(seen, f"{resolved}: no publisher")
 
 
-def check_calibration(seen: Observation) -> list[Finding]:
+def check_calibration(seen: Observation) -> list[Check]:
     """Look at both cameras' camera_infos."""
     if seen.parameter("calibration_use", "auto") == "ignore":
         return [_no_scale(seen, "calibration_use is ignore", "set calibration_use to auto")]

@@ -7,10 +7,10 @@ import statistics
 from bisect import bisect_left
 from collections.abc import Sequence
 
-from uw_recon_ros.doctor.finding import Finding, fail, ok, warn
+from uw_recon_ros.doctor.check import Check, fail, ok, warn
 from uw_recon_ros.doctor.observation import Arrivals, Observation, Topic
 from uw_recon_ros.doctor.suggestions import for_image, namespace_of, same_elsewhere
-from uw_recon_ros.doctor.topic_graph import TYPES, sources
+from uw_recon_ros.doctor.topic_graph import TYPES, image_topics
 from uw_recon_ros.errors import ImageError
 from uw_recon_ros.images import decode_image
 from uw_recon_ros.node_params import NodeParams
@@ -24,17 +24,17 @@ _DEFAULT_SEGMENT = 512 << 10
 _TRANSPORTS = {"raw": (0,), "compressed": (1,), "auto": (0, 1)}
 
 
-def source(seen: Observation, side: str) -> Topic:
+def image_topic(seen: Observation, side: str) -> Topic:
     """The topic that brings a camera's images: raw where it is published, else compressed."""
-    raw, compressed = (seen.topics.get(name, Topic(name)) for name in sources(side))
+    raw, compressed = (seen.topics.get(name, Topic(name)) for name in image_topics(side))
     allowed = _TRANSPORTS.get(str(seen.parameter("image_transport", "auto")), (0, 1))
     choice = [topic for place, topic in enumerate((raw, compressed)) if place in allowed]
     return next((topic for topic in choice if topic.publishers), choice[0])
 
 
-def _missing(seen: Observation, side: str) -> Finding:
+def _missing(seen: Observation, side: str) -> Check:
     """Nobody publishes a camera: say what was probably meant."""
-    topic, (raw, compressed) = source(seen, side), sources(side)
+    topic, (raw, compressed) = image_topic(seen, side), image_topics(side)
     text = f"{topic.name}: no publisher"
     other = next((seen.topics[n] for n in (raw, compressed) if n in seen.topics and seen.topics[n].publishers), None)
     if other:
@@ -57,7 +57,7 @@ def _missing(seen: Observation, side: str) -> Finding:
     return fail(_STAGE, text + listed, "start the cameras or a bag, or remap their topics to left/ and right/image_raw")
 
 
-def _silent(seen: Observation, topic: Topic) -> Finding:
+def _silent(seen: Observation, topic: Topic) -> Check:
     """There is a publisher, but nothing came."""
     text = f"{topic.name}: a publisher ({topic.publishers[0].node}), but no message in {seen.seconds:.1f} s"
     if topic.types - {TYPES[_relative(seen, topic)]}:
@@ -84,8 +84,8 @@ def _describe(topic: Topic) -> str:
     return f"{topic.name}: {came.rate_hz:.1f} Hz, {size}{came.encoding} from {topic.publishers[0].node}"
 
 
-def _camera(seen: Observation, side: str) -> list[Finding]:
-    topic = source(seen, side)
+def _camera(seen: Observation, side: str) -> list[Check]:
+    topic = image_topic(seen, side)
     if not topic.publishers:
         return [_missing(seen, side)]
     if not topic.arrivals.count:
@@ -112,7 +112,7 @@ def _kind(encoding: str) -> tuple[int, str]:
     return decoded.ndim, str(decoded.dtype)
 
 
-def _formats(left: Arrivals, right: Arrivals) -> list[Finding]:
+def _formats(left: Arrivals, right: Arrivals) -> list[Check]:
     """Both cameras need one size, and one kind of pixel."""
     if not (left.width and right.width):
         return []
@@ -142,7 +142,7 @@ def offsets_ms(left: Sequence[int], right: Sequence[int]) -> list[float]:
     return inside or [min(apart, key=abs)]
 
 
-def _stamps(seen: Observation, left: Arrivals, right: Arrivals) -> list[Finding]:
+def _stamps(seen: Observation, left: Arrivals, right: Arrivals) -> list[Check]:
     """Whether left and right stamps lie within the tolerance of each other."""
     if not any(left.stamps_ns) or not any(right.stamps_ns):
         text = "stamps are zero: left and right images cannot be told which belong together"
@@ -165,7 +165,7 @@ def _stamps(seen: Observation, left: Arrivals, right: Arrivals) -> list[Finding]
     return found
 
 
-def _apart(left: Arrivals, median_ms: float, paired: float, tolerance_ms: float) -> Finding:
+def _apart(left: Arrivals, median_ms: float, paired: float, tolerance_ms: float) -> Check:
     period_ms = 1e3 / left.rate_hz if left.rate_hz else math.inf
     text = (
         f"stamps are apart: left and right {median_ms:.1f} ms (median), pair_tolerance_ms is {tolerance_ms:g}; "
@@ -181,10 +181,10 @@ def _apart(left: Arrivals, median_ms: float, paired: float, tolerance_ms: float)
     )
 
 
-def check_cameras(seen: Observation) -> list[Finding]:
+def check_cameras(seen: Observation) -> list[Check]:
     """Look at both cameras' images."""
     found = [finding for side in SIDES for finding in _camera(seen, side)]
-    left, right = (source(seen, side).arrivals for side in SIDES)
+    left, right = (image_topic(seen, side).arrivals for side in SIDES)
     if left.count and right.count:
         found += [*_formats(left, right), *_stamps(seen, left, right)]
     return found

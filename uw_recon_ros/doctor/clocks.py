@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from uw_recon_ros.doctor.cameras import source
-from uw_recon_ros.doctor.finding import Finding, ok, warn
+from uw_recon_ros.doctor.cameras import image_topic
+from uw_recon_ros.doctor.check import Check, ok, warn
 from uw_recon_ros.doctor.observation import Observation
 from uw_recon_ros.topics import SIDES
 
@@ -11,7 +11,7 @@ _STAGE = "clock"
 _LATE_S = 5.0
 
 
-def check_clocks(seen: Observation) -> list[Finding]:
+def check_clocks(seen: Observation) -> list[Check]:
     """Compare stamps, wall clock and ``/clock``."""
     clock, simulated = seen.clock, [n.name for n in seen.nodes.values() if n.parameters.get("use_sim_time") is True]
     found = []
@@ -33,7 +33,7 @@ def check_clocks(seen: Observation) -> list[Finding]:
                 "stop all but one",
             )
         )
-    behind_s = [came.behind_ns * 1e-9 for came in (source(seen, side).arrivals for side in SIDES) if came.count]
+    behind_s = [came.behind_ns * 1e-9 for came in (image_topic(seen, side).arrivals for side in SIDES) if came.count]
     if behind_s and not clock.publishers:
         worst = max(behind_s, key=abs)
         if abs(worst) > _LATE_S:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from uw_recon_ros.doctor.finding import Finding, fail
+from uw_recon_ros.doctor.check import Check, fail
 from uw_recon_ros.doctor.observation import Endpoint, Observation, Topic
 from uw_recon_ros.doctor.topic_graph import TYPES
 
@@ -37,7 +37,7 @@ def disagreement(publisher: Endpoint, subscriber: Endpoint) -> tuple[str, str] |
     return None
 
 
-def _of_topic(topic: Topic) -> Iterator[Finding]:
+def _of_topic(topic: Topic) -> Iterator[Check]:
     for subscriber in topic.subscribers:
         for publisher in topic.publishers:
             reason = disagreement(publisher, subscriber)
@@ -45,7 +45,7 @@ def _of_topic(topic: Topic) -> Iterator[Finding]:
                 yield fail(_STAGE, f"{topic.name}: {reason[0]}", reason[1])
 
 
-def _of_type(relative: str, topic: Topic) -> Iterator[Finding]:
+def _of_type(relative: str, topic: Topic) -> Iterator[Check]:
     """A wrong type is wrong before anybody subscribes."""
     for publisher in topic.publishers:
         if publisher.type != TYPES[relative] and not topic.subscribers:
@@ -56,7 +56,7 @@ def _of_type(relative: str, topic: Topic) -> Iterator[Finding]:
             )
 
 
-def check_connections(seen: Observation) -> list[Finding]:
+def check_connections(seen: Observation) -> list[Check]:
     """Look at both ends of every topic of the chain."""
     return [
         finding

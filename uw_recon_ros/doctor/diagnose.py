@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 from uw_recon_ros.doctor.calibrations import check_calibration
 from uw_recon_ros.doctor.cameras import check_cameras
+from uw_recon_ros.doctor.check import Check, Level
 from uw_recon_ros.doctor.clocks import check_clocks
 from uw_recon_ros.doctor.clouds import check_clouds, check_listeners
 from uw_recon_ros.doctor.connections import check_connections
 from uw_recon_ros.doctor.environment import check_discovery, check_transport
-from uw_recon_ros.doctor.finding import Finding, Level
 from uw_recon_ros.doctor.observation import Observation
 from uw_recon_ros.doctor.stages import check_stages, replaced
 from uw_recon_ros.doctor.topic_graph import STAGES
@@ -37,11 +37,11 @@ class Diagnosis:
     Parameters
     ----------
     seen : Observation
-    findings : tuple of Finding
+    findings : tuple of Check
     """
 
     seen: Observation
-    findings: tuple[Finding, ...]
+    findings: tuple[Check, ...]
 
     @property
     def healthy(self) -> bool:
@@ -49,7 +49,7 @@ class Diagnosis:
         return all(finding.level < Level.FAIL for finding in self.findings)
 
     @property
-    def cause(self) -> Finding | None:
+    def cause(self) -> Check | None:
         """The most likely cause; None where all is well.
 
         What comes first in the chain explains what comes after it: the first failure that is no mere symptom. Where

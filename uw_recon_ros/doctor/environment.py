@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from uw_recon_ros.doctor.finding import Finding, fail, ok, warn
+from uw_recon_ros.doctor.check import Check, fail, ok, warn
 from uw_recon_ros.doctor.observation import Observation, Surroundings
 
 _MIB = 1 << 20
@@ -24,7 +24,7 @@ def domains_at_work(ports: Iterable[int]) -> list[int]:
     return sorted({domain for domain, offset in places if domain <= _LAST_DOMAIN and 10 <= offset < 50})
 
 
-def check_discovery(seen: Observation) -> list[Finding]:
+def check_discovery(seen: Observation) -> list[Check]:
     """See whether any other node is there."""
     around = seen.surroundings
     if around.nodes_seen > 0:
@@ -45,7 +45,7 @@ def check_discovery(seen: Observation) -> list[Finding]:
     return [fail("discovery", f"no other node is seen ({_settings(around)})", advice)]
 
 
-def check_transport(seen: Observation) -> list[Finding]:
+def check_transport(seen: Observation) -> list[Check]:
     """See whether shared memory has room for images."""
     around = seen.surroundings
     if around.rmw != "rmw_fastrtps_cpp":

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from uw_recon_ros.doctor.finding import Finding, Level, fail, ok, warn
+from uw_recon_ros.doctor.check import Check, Level, fail, ok, warn
 from uw_recon_ros.doctor.observation import GraphNode, Observation, Status, Topic
 from uw_recon_ros.doctor.topic_graph import METRIC_CLOUD, NODES, PIPELINE, STAGES, UNSCALED_CLOUD, Stage
 from uw_recon_ros.findings import Code
@@ -40,7 +40,7 @@ def _worst(node: GraphNode, *, content: bool) -> Status | None:
     return max(reversed(node.statuses), key=lambda status: status.level)
 
 
-def _lifecycle(stage: Stage, node: GraphNode) -> Iterator[Finding]:
+def _lifecycle(stage: Stage, node: GraphNode) -> Iterator[Check]:
     if node.lifecycle is None or node.lifecycle == "active":
         return
     if not node.lifecycle:
@@ -52,7 +52,7 @@ def _lifecycle(stage: Stage, node: GraphNode) -> Iterator[Finding]:
     yield fail(stage.label, text, f"{moves}, or start it with autostart true" if moves else _LOOK)
 
 
-def _status(stage: Stage, node: GraphNode, status: Status) -> Iterator[Finding]:
+def _status(stage: Stage, node: GraphNode, status: Status) -> Iterator[Check]:
     """What the node itself complains of."""
     if status.level >= _ERROR:
         kinds = _faults(status)
@@ -87,7 +87,7 @@ _FACTS = {
 }
 
 
-def _works(stage: Stage, topic: Topic, status: Status | None) -> Finding:
+def _works(stage: Stage, topic: Topic, status: Status | None) -> Check:
     facts = status.values if status else {}
     said = [f"{name} {facts[name]}" for name in _FACTS.get(stage.label, ()) if name in facts]
     makers = ", ".join(end.node for end in topic.publishers) or "a node that has gone"
@@ -97,7 +97,7 @@ def _works(stage: Stage, topic: Topic, status: Status | None) -> Finding:
     return ok(stage.label, ", ".join([text, *said]))
 
 
-def _nothing(stage: Stage, node: GraphNode, status: Status | None, seen: Observation) -> Finding:
+def _nothing(stage: Stage, node: GraphNode, status: Status | None, seen: Observation) -> Check:
     """The node is up and content, and yet nothing comes."""
     values = status.values if status else {}
     if values.get("warm_up") == "running":
@@ -114,7 +114,7 @@ def _sends(stage: Stage, seen: Observation) -> bool:
     return any(seen.topics[name].arrivals.count for name in names if name in seen.topics)
 
 
-def _absent(stage: Stage, seen: Observation) -> Finding:
+def _absent(stage: Stage, seen: Observation) -> Check:
     text = f"no {stage.node} (nor {PIPELINE}), and nobody publishes {seen.topics[stage.output].name}"
     other = [name for name in seen.elsewhere if name.rsplit("/", 1)[-1] in (stage.node, PIPELINE)]
     if other:
@@ -125,7 +125,7 @@ def _absent(stage: Stage, seen: Observation) -> Finding:
     )
 
 
-def _stage(stage: Stage, seen: Observation) -> Iterator[Finding]:
+def _stage(stage: Stage, seen: Observation) -> Iterator[Check]:
     node = seen.nodes.get(stage.node) or seen.nodes.get(PIPELINE)
     topic = seen.topics.get(stage.output, Topic(stage.output))
     if len(topic.publishers) > 1:
@@ -142,7 +142,7 @@ def _stage(stage: Stage, seen: Observation) -> Iterator[Finding]:
     yield from _of_node(stage, node, topic, seen)
 
 
-def _of_node(stage: Stage, node: GraphNode, topic: Topic, seen: Observation) -> Iterator[Finding]:
+def _of_node(stage: Stage, node: GraphNode, topic: Topic, seen: Observation) -> Iterator[Check]:
     alone = node.name.rsplit("/", 1)[-1] != PIPELINE  # whose complaints may be of any stage
     complaining = stage if alone else replace(stage, label="pipeline")
     hindrances = list(_hindrances(complaining, node))
@@ -160,7 +160,7 @@ def _of_node(stage: Stage, node: GraphNode, topic: Topic, seen: Observation) -> 
         yield _nothing(complaining, node, status, seen)
 
 
-def _hindrances(stage: Stage, node: GraphNode) -> Iterator[Finding]:
+def _hindrances(stage: Stage, node: GraphNode) -> Iterator[Check]:
     """What keeps a node from working at all, or from being told from another."""
     if node.copies > 1:
         yield warn(stage.label, f"{node.copies} nodes are called {node.name}", "stop all but one")
@@ -180,9 +180,9 @@ def replaced(seen: Observation) -> int:
     return max(foreign, default=0)
 
 
-def check_stages(seen: Observation) -> list[Finding]:
+def check_stages(seen: Observation) -> list[Check]:
     """Look at every stage that counts, in order; what pipeline_node says is said once."""
-    found: list[Finding] = []
+    found: list[Check] = []
     said: set[str] = set()
     for stage in STAGES[max(replaced(seen) - 1, 0) :]:
         for finding in _stage(stage, seen):

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Mapping
 
 from uw_recon_ros.doctor.observation import Topic
-from uw_recon_ros.doctor.topic_graph import TYPES, sources
+from uw_recon_ros.doctor.topic_graph import TYPES, image_topics
 from uw_recon_ros.topics import COMPRESSED_IMAGE, IMAGE, SIDES
 
 #: How drivers name a camera.
@@ -66,7 +66,7 @@ def actual_names(subscriptions: Mapping[str, str], resolved: Mapping[str, str]) 
     found: dict[str, str] = {}
     known = set(resolved.values())
     for side in SIDES:
-        for relatives in (sources(side), (f"{side}/camera_info",)):
+        for relatives in (image_topics(side), (f"{side}/camera_info",)):
             if any(resolved[relative] in subscriptions for relative in relatives):
                 continue
             for relative in relatives:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 
+from uw_recon_ros.doctor.check import Check
 from uw_recon_ros.doctor.diagnose import Diagnosis
-from uw_recon_ros.doctor.finding import Finding
 
 
-def _line(finding: Finding) -> str:
+def _line(finding: Check) -> str:
     return f"{finding.level.name:<5} {finding.stage:<12} {finding.text}"
 
 
@@ -28,7 +28,7 @@ def as_table(diagnosis: Diagnosis) -> str:
 def as_json(diagnosis: Diagnosis) -> str:
     """The same for programs: ``healthy``, ``cause`` (null or a finding), ``findings``."""
 
-    def plain(finding: Finding) -> dict[str, object]:
+    def plain(finding: Check) -> dict[str, object]:
         return {
             "level": finding.level.name, "stage": finding.stage, "text": finding.text, "advice": finding.advice,
             "symptom": finding.symptom, "code": finding.code,

@@ -10,7 +10,7 @@ PIPELINE = "pipeline_node"
 METRIC_CLOUD, UNSCALED_CLOUD = "points2", "points_unscaled"
 
 
-def sources(side: str) -> tuple[str, str]:
+def image_topics(side: str) -> tuple[str, str]:
     """Topics that may bring one camera's images, raw first."""
     return f"{side}/image_raw", f"{side}/image_raw/compressed"
 
@@ -35,7 +35,7 @@ NODES = (*(stage.node for stage in STAGES), PIPELINE)
 TYPES: dict[str, str] = {topic.name: topic.type for topic in TOPICS}
 #: What the doctor listens to itself: enough to see where the chain breaks, and to have every stage work.
 LISTENED = (
-    *(topic for camera in SIDES for topic in sources(camera)),
+    *(topic for camera in SIDES for topic in image_topics(camera)),
     *(f"{camera}/camera_info" for camera in SIDES),
     *(stage.output for stage in STAGES),
     UNSCALED_CLOUD,

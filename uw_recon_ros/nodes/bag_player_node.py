@@ -25,7 +25,7 @@ from uw_recon_ros.bags.model import LATEST_NS, RawMessage
 from uw_recon_ros.bags.reader import BagReader, open_bag
 from uw_recon_ros.errors import BagError
 from uw_recon_ros.nodes.drain import Drain
-from uw_recon_ros.nodes.replay import Listeners, Report, advertise_recorded, parse
+from uw_recon_ros.nodes.replay import Listeners, Tally, advertise_recorded, parse
 from uw_recon_ros.nodes.timeline import Timeline
 from uw_recon_ros.ros.message_types import message_class
 from uw_recon_ros.ros.messages import time_message
@@ -69,7 +69,7 @@ class BagPlayerNode(Node):  # type: ignore[misc]
         if unknown:
             raise BagError(f"--wait-for: expected topics that are played, got {', '.join(sorted(unknown))}")
         self._timeline = Timeline(self._begin_ns, settings.rate)
-        self._report = Report()
+        self._tally = Tally()
         self._started_s = time.monotonic()
         self._kept = [
             self.create_service(Trigger, f"~/{name}", answer)
@@ -102,7 +102,7 @@ class BagPlayerNode(Node):  # type: ignore[misc]
 
     def summary(self) -> str:
         """What was sent, in one line."""
-        return self._report.line(time.monotonic() - self._started_s, self._settings.rate)
+        return self._tally.line(time.monotonic() - self._started_s, self._settings.rate)
 
     def close(self) -> None:
         """Stop the executor and destroy the node."""
@@ -149,13 +149,13 @@ class BagPlayerNode(Node):  # type: ignore[misc]
                 self._timeline.jump(message.log_ns, time.monotonic())
                 wait = 0.0
             if wait <= 0:
-                self._report.late(-wait)
+                self._tally.late(-wait)
                 return
             self._spin(min(wait, _POLL_S))
 
     def _send(self, message: RawMessage) -> None:
         self._players[message.topic].publish(message.data)
-        self._report.sent(message.topic)
+        self._tally.sent(message.topic)
 
     def _let_arrive(self) -> None:
         """Give reliable subscribers the time to get what was sent last."""

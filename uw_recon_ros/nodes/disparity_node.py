@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 from uw_recon_ros.match.stage import MatchParams
 from uw_recon_ros.node_params import DisparityMessageParams, RateParams
-from uw_recon_ros.ros.declarations import Input, outputs_of, source
+from uw_recon_ros.ros.declarations import Input, input_topic, outputs_of
 from uw_recon_ros.ros.diagnostics import Diagnostics
 from uw_recon_ros.ros.message_groups import Group
 from uw_recon_ros.ros.messages import disparity_message, sigma_message, status_message
@@ -30,9 +30,9 @@ from uw_recon_ros.ros.process import run
 from uw_recon_ros.topics import SIDES
 from uw_recon_ros.types import DisparityMap
 
-RECTIFIED_INFOS = tuple(Input(f"{side}_info", (source(f"rectified/{side}/camera_info"),)) for side in SIDES)
+RECTIFIED_INFOS = tuple(Input(f"{side}_info", (input_topic(f"rectified/{side}/camera_info"),)) for side in SIDES)
 INPUTS = (
-    *(Input(side, (source(f"rectified/{side}/image_rect"),)) for side in SIDES),
+    *(Input(side, (input_topic(f"rectified/{side}/image_rect"),)) for side in SIDES),
     *RECTIFIED_INFOS,
 )
 OUTPUTS = outputs_of("disparity_node")

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 from uw_recon_ros.calibration.judge import judge_depths
 from uw_recon_ros.node_params import CloudParams, DisparityMessageParams
 from uw_recon_ros.reconstruct.stage import Reconstruct, ReconstructParams
-from uw_recon_ros.ros.declarations import Input, outputs_of, source
+from uw_recon_ros.ros.declarations import Input, input_topic, outputs_of
 from uw_recon_ros.ros.diagnostics import Diagnostics
 from uw_recon_ros.ros.geometry import check_size, geometry_from_infos
 from uw_recon_ros.ros.message_groups import Group
@@ -37,11 +37,11 @@ from uw_recon_ros.topics import SIDES, published_by
 from uw_recon_ros.types import ByteImage, DisparityMap
 
 INPUTS = (
-    Input("status", (source("disparity/status"),), "optional"),
-    Input("sigma", (source("disparity/sigma"),), "optional"),
-    Input("left", (source("rectified/left/image_rect_color"), source("rectified/left/image_rect"))),
-    *(Input(f"{side}_info", (source(f"rectified/{side}/camera_info"),)) for side in SIDES),
-    Input("disparity", (source("disparity"),)),
+    Input("status", (input_topic("disparity/status"),), "optional"),
+    Input("sigma", (input_topic("disparity/sigma"),), "optional"),
+    Input("left", (input_topic("rectified/left/image_rect_color"), input_topic("rectified/left/image_rect"))),
+    *(Input(f"{side}_info", (input_topic(f"rectified/{side}/camera_info"),)) for side in SIDES),
+    Input("disparity", (input_topic("disparity"),)),
 )
 METRIC = tuple(topic.name for topic in published_by("point_cloud_node") if topic.metric)
 UNSCALED = "points_unscaled"

@@ -19,7 +19,7 @@ from uw_recon_ros.findings import severe
 from uw_recon_ros.node_params import CameraParams
 from uw_recon_ros.preprocess.sequence import PreprocessSequence
 from uw_recon_ros.preprocess.stage import PreprocessParams
-from uw_recon_ros.ros.declarations import Input, outputs_of, source
+from uw_recon_ros.ros.declarations import Input, input_topic, outputs_of
 from uw_recon_ros.ros.diagnostics import Diagnostics
 from uw_recon_ros.ros.message_groups import Group
 from uw_recon_ros.ros.messages import header, image_message
@@ -31,7 +31,9 @@ from uw_recon_ros.ros.process import run
 from uw_recon_ros.topics import SIDES
 from uw_recon_ros.types import EnhancedPair
 
-CAMERAS = tuple(Input(side, (source(f"{side}/image_raw"), source(f"{side}/image_raw/compressed"))) for side in SIDES)
+CAMERAS = tuple(
+    Input(side, (input_topic(f"{side}/image_raw"), input_topic(f"{side}/image_raw/compressed"))) for side in SIDES
+)
 OUTPUTS = outputs_of("preprocess_node")
 _TRANSPORTS = {"auto": (Image, CompressedImage), "raw": (Image,), "compressed": (CompressedImage,)}
 

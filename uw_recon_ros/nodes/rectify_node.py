@@ -24,7 +24,7 @@ from uw_recon_ros.calibration.rectified import came_rectified
 from uw_recon_ros.rectify.stage import Rectify, RectifyParams
 from uw_recon_ros.rectify.tracker import RigTracker
 from uw_recon_ros.ros import rectified_frame
-from uw_recon_ros.ros.declarations import Input, outputs_of, source
+from uw_recon_ros.ros.declarations import Input, input_topic, outputs_of
 from uw_recon_ros.ros.diagnostics import Diagnostics
 from uw_recon_ros.ros.message_groups import Group
 from uw_recon_ros.ros.messages import header, image_message, rectified_infos
@@ -36,10 +36,10 @@ from uw_recon_ros.ros.process import run
 from uw_recon_ros.topics import SIDES
 from uw_recon_ros.types import EnhancedPair, RectifiedPair
 
-CAMERA_INFOS = tuple(Input(f"{side}_info", (source(f"{side}/camera_info"),), "latest") for side in SIDES)
+CAMERA_INFOS = tuple(Input(f"{side}_info", (input_topic(f"{side}/camera_info"),), "latest") for side in SIDES)
 INPUTS = (
-    *(Input(f"{side}_matching", (source(f"{side}/image_matching"),), "optional") for side in SIDES),
-    *(Input(side, (source(f"{side}/image_enhanced"),)) for side in SIDES),
+    *(Input(f"{side}_matching", (input_topic(f"{side}/image_matching"),), "optional") for side in SIDES),
+    *(Input(side, (input_topic(f"{side}/image_enhanced"),)) for side in SIDES),
     *CAMERA_INFOS,
 )
 OUTPUTS = (*outputs_of("rectify_node"), *rectified_frame.OUTPUTS)
@@ -84,7 +84,7 @@ def came_rectified_to(node: Node, params: RectifyParams) -> tuple[bool, bool]:
 
 def report_calibration(diagnostics: Diagnostics, group: Group) -> None:
     """Say where a camera_info denies being a calibration."""
-    zero = [i.sources[0].topic for i in CAMERA_INFOS if i.name in group and not is_calibrated(group[i.name])]
+    zero = [i.alternatives[0].name for i in CAMERA_INFOS if i.name in group and not is_calibrated(group[i.name])]
     text = f"{' and '.join(zero)}: K is zero (not calibrated): rectified from the images" if zero else None
     diagnostics.problem("uncalibrated", text)
 

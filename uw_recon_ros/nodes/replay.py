@@ -179,7 +179,7 @@ def _some(names: Sequence[str]) -> str:
     return ", ".join(names[:_MOST_NAMED]) + more
 
 
-class Report:
+class Tally:
     """What was sent, and how late."""
 
     def __init__(self) -> None:

@@ -11,11 +11,11 @@ from uw_recon_ros.errors import CalibrationError, EstimationError
 from uw_recon_ros.findings import Code, Finding, Severity, worst
 from uw_recon_ros.rectify.params import RectifyParams
 from uw_recon_ros.rectify.rectification import Rectification, behind, exchanged
+from uw_recon_ros.rectify.rectified_camera import RectifiedCamera, Views
 from uw_recon_ros.rectify.refraction_check import port_index
 from uw_recon_ros.rectify.rows import RowAgreement, not_checked
 from uw_recon_ros.rectify.stereo_info import judged_rig
 from uw_recon_ros.rectify.tie_points import TiePoints
-from uw_recon_ros.rectify.views import View
 from uw_recon_ros.rectify.warp import inner_windows, make_canvas
 from uw_recon_ros.types import (
     Axis,
@@ -26,7 +26,7 @@ from uw_recon_ros.types import (
 )
 
 
-def _geometry(left: View, right: View, axis: Axis, baseline_m: float) -> StereoGeometry:
+def _geometry(left: RectifiedCamera, right: RectifiedCamera, axis: Axis, baseline_m: float) -> StereoGeometry:
     along, across = (0, 1) if axis == "horizontal" else (1, 0)
     return StereoGeometry(
         focal_px=float(left.k_new[along, along]),
@@ -41,12 +41,12 @@ def _geometry(left: View, right: View, axis: Axis, baseline_m: float) -> StereoG
     )
 
 
-def _as_given(view: View, other: View, size: tuple[int, int], geometry: StereoGeometry) -> Rectification:
-    return Rectification(view, other, *size, *size, geometry=geometry, quality=RectificationQuality("given"))
+def _as_given(views: Views, size: tuple[int, int], geometry: StereoGeometry) -> Rectification:
+    return Rectification(*views, *size, *size, geometry=geometry, quality=RectificationQuality("given"))
 
 
 def _warped(
-    views: tuple[View, View], size: tuple[int, int], geometry: Callable[[View, View], StereoGeometry],
+    views: Views, size: tuple[int, int], geometry: Callable[[RectifiedCamera, RectifiedCamera], StereoGeometry],
     params: RectifyParams,
 ) -> Rectification:  # fmt: skip
     """Both cameras keep the same columns, so that the offset stays what P says (0, most often)."""
@@ -184,9 +184,9 @@ def rectification_from_calibration(
     judgement = judged_rig(calibration, image_size)
     axis, baseline = judgement.axis, judgement.baseline_m
     size = calibration.left.width, calibration.left.height
-    left, right = View.of_camera(calibration.left), View.of_camera(calibration.right)
+    left, right = RectifiedCamera.of_camera(calibration.left), RectifiedCamera.of_camera(calibration.right)
     if left.identity and right.identity:
-        rectification = _as_given(left, right, size, _geometry(left, right, axis, baseline))
+        rectification = _as_given((left, right), size, _geometry(left, right, axis, baseline))
     else:
         rectification = _warped((left, right), size, lambda le, ri: _geometry(le, ri, axis, baseline), params)
     rectification = _marked(rectification, judgement.findings)

@@ -10,9 +10,9 @@ import numpy as np
 from uw_recon_ros.findings import Code, Finding
 from uw_recon_ros.rectify.fundamental import epipole_inside, epipoles, fit_fundamental
 from uw_recon_ros.rectify.params import RectifyParams
+from uw_recon_ros.rectify.rectified_camera import RectifiedCamera, Views
 from uw_recon_ros.rectify.sampson import homogeneous
 from uw_recon_ros.rectify.tie_points import TiePoints
-from uw_recon_ros.rectify.views import View
 from uw_recon_ros.types import Matrix
 
 _ROLL_LIMIT_DEG = 60.0
@@ -98,7 +98,7 @@ def forward_motion(fundamental: Matrix, tie_points: TiePoints) -> list[str]:
     return []
 
 
-def _rolled(side: str, view: View) -> list[str]:
+def _rolled(side: str, view: RectifiedCamera) -> list[str]:
     roll = float(np.degrees(np.arctan2(view.r[1, 0], view.r[0, 0])))
     if abs(roll) <= _ROLL_LIMIT_DEG:
         return []
@@ -106,7 +106,7 @@ def _rolled(side: str, view: View) -> list[str]:
 
 
 def refusals(
-    views: tuple[View, View],
+    views: Views,
     fundamental: Matrix,
     tie_points: TiePoints,
     row_error: tuple[float, float],
@@ -116,7 +116,7 @@ def refusals(
 
     Parameters
     ----------
-    views : (View, View)
+    views : (RectifiedCamera, RectifiedCamera)
         Left and right.
     fundamental : (3, 3) float64
         Of the fit, px.

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from uw_recon_ros.rectify.rectified_camera import RectifiedCamera
 from uw_recon_ros.rectify.tie_points import TiePoints
-from uw_recon_ros.rectify.views import View
 from uw_recon_ros.types import FloatImage, Mask, Matrix, RectificationQuality, StereoGeometry, Window
 
 _NEARLY_ALL = 0.95
@@ -19,7 +19,7 @@ class Rectification:
 
     Parameters
     ----------
-    left, right : View
+    left, right : RectifiedCamera
         Rectified pixels are those of the output images, after cropping.
     raw_width, raw_height : int
         Size of the images that go in, px.
@@ -40,8 +40,8 @@ class Rectification:
         Whether a rig's geometry is settled, see `RigTracker`.
     """
 
-    left: View
-    right: View
+    left: RectifiedCamera
+    right: RectifiedCamera
     raw_width: int
     raw_height: int
     width: int

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from uw_recon_ros.rectify.rectified_camera import RectifiedCamera, Views, undistorted
 from uw_recon_ros.rectify.tie_points import TiePoints
-from uw_recon_ros.rectify.views import View, undistorted
 from uw_recon_ros.types import Axis, Matrix
 
 _INDICES = np.linspace(1.0, 1.6, 121)
@@ -55,7 +55,7 @@ def refracted(rays: Matrix, index: float) -> Matrix:
     return bent
 
 
-def _row_error(rays: tuple[Matrix, Matrix], views: tuple[View, View], across: int, index: float) -> float:
+def _row_error(rays: tuple[Matrix, Matrix], views: Views, across: int, index: float) -> float:
     """Median row error, px, of rays in water; the rectified focal length grows as the image has."""
     rows = []
     for ray, view in zip(rays, views, strict=True):
@@ -64,14 +64,14 @@ def _row_error(rays: tuple[Matrix, Matrix], views: tuple[View, View], across: in
     return float(np.nanmedian(np.abs(rows[0] - rows[1])))
 
 
-def port_index(tie_points: TiePoints, left: View, right: View, axis: Axis) -> PortIndex | None:
+def port_index(tie_points: TiePoints, left: RectifiedCamera, right: RectifiedCamera, axis: Axis) -> PortIndex | None:
     """Search for the refractive index that makes the rows of a calibrated rig agree.
 
     Parameters
     ----------
     tie_points : TiePoints
         Raw px.
-    left, right : View
+    left, right : RectifiedCamera
         As calibrated.
     axis : {'horizontal', 'vertical'}
 

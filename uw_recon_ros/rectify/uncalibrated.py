@@ -14,8 +14,8 @@ from uw_recon_ros.rectify.model_selection import Candidate, came_rectified, choo
 from uw_recon_ros.rectify.params import RectifyParams
 from uw_recon_ros.rectify.quality import flatness_warnings, forward_motion, refusals
 from uw_recon_ros.rectify.rectification import Rectification, row_statistics
+from uw_recon_ros.rectify.rectified_camera import RectifiedCamera, Views
 from uw_recon_ros.rectify.tie_points import TiePoints, thinned
-from uw_recon_ros.rectify.views import View
 from uw_recon_ros.rectify.warp import inner_windows, make_canvas, swapped_map, swapped_window, warped_centre
 from uw_recon_ros.types import Axis, Matrix, RectificationQuality, StereoGeometry, Window
 
@@ -28,11 +28,11 @@ def _intrinsics(tie_points: TiePoints, focal_px: float) -> Matrix:
     return np.array([[focal_px, 0.0, u], [0.0, focal_px, v], [0.0, 0.0, 1.0]])
 
 
-def _rotation_rows(view: View) -> tuple[tuple[float, ...], ...]:
+def _rotation_rows(view: RectifiedCamera) -> tuple[tuple[float, ...], ...]:
     return tuple(tuple(float(x) for x in row) for row in view.r)
 
 
-def _geometry(left: View, right: View, params: RectifyParams) -> StereoGeometry:
+def _geometry(left: RectifiedCamera, right: RectifiedCamera, params: RectifyParams) -> StereoGeometry:
     """Of horizontal views; metres only where baseline and focal length are both given."""
     metric = params.baseline_m > 0 and params.focal_px > 0
     return StereoGeometry(
@@ -50,7 +50,7 @@ def _as_given(candidate: Candidate, params: RectifyParams) -> Rectification:
     points = candidate.everything
     size = points.width, points.height
     k = _intrinsics(points, params.focal_px or _USUAL_FOCAL * sum(size))
-    view = View(k, np.eye(3), k)
+    view = RectifiedCamera(k, np.eye(3), k)
     return Rectification(
         view, view, *size, *size, geometry=_geometry(view, view, params), quality=RectificationQuality("given")
     )
@@ -60,14 +60,14 @@ def _refused(reasons: list[str]) -> EstimationError:
     return EstimationError("rectification refused: " + "; ".join(reasons))
 
 
-def _views(candidate: Candidate) -> tuple[View, View] | None:
+def _views(candidate: Candidate) -> Views | None:
     """Rotated views (eq. 14), ``K_new = K_old`` moved so that the images' centres stay near the middle, on one row.
 
     None where a centre would be behind its rectified camera.
     """
     points, fit = candidate.everything, candidate.fit
     k = _intrinsics(points, fit.focal_px)
-    views = [View(k, rotation, k) for rotation in (fit.rotation_left, fit.rotation_right)]
+    views = [RectifiedCamera(k, rotation, k) for rotation in (fit.rotation_left, fit.rotation_right)]
     moves = np.array([warped_centre(view, points.width, points.height) for view in views]) - k[:2, 2]
     moves[:, 1] = moves[:, 1].mean()
     if not np.isfinite(moves).all():
@@ -76,7 +76,7 @@ def _views(candidate: Candidate) -> tuple[View, View] | None:
     return left, right
 
 
-def _sound_views(candidate: Candidate, params: RectifyParams) -> tuple[View, View]:
+def _sound_views(candidate: Candidate, params: RectifyParams) -> Views:
     """The views, unless something speaks against them; said of the images as they were taken."""
     level, fundamental, points = _views(candidate), candidate.fit.fundamental, candidate.everything
     if level is None:
@@ -95,7 +95,7 @@ def _sound_views(candidate: Candidate, params: RectifyParams) -> tuple[View, Vie
     return level
 
 
-def _warped(candidate: Candidate, views: tuple[View, View], params: RectifyParams) -> Rectification:
+def _warped(candidate: Candidate, views: Views, params: RectifyParams) -> Rectification:
     """Crop, or mark, what both horizontal views show, and make the maps."""
     size = candidate.everything.width, candidate.everything.height
     canvases = [make_canvas(view, *size, *size) for view in views]

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_recon_ros.rectify.views import View
+from uw_recon_ros.rectify.rectified_camera import RectifiedCamera
 from uw_recon_ros.types import ByteImage, FloatImage, Mask, Matrix, Window
 from uw_recon_ros.unseen import blackened, with_margin
 
@@ -23,14 +23,14 @@ class Canvas:
 
     Parameters
     ----------
-    view : View
+    view : RectifiedCamera
     raw_from_rect : (H, W, 2) float32
         Raw pixel (u, v) of every rectified pixel.
     shown : (H, W) bool
         Where that lies within the raw image.
     """
 
-    view: View
+    view: RectifiedCamera
     raw_from_rect: FloatImage
     shown: Mask
 
@@ -39,7 +39,7 @@ class Canvas:
         return np.ascontiguousarray(self.raw_from_rect[window.slices])
 
 
-def make_canvas(view: View, width: int, height: int, raw_width: int, raw_height: int) -> Canvas:
+def make_canvas(view: RectifiedCamera, width: int, height: int, raw_width: int, raw_height: int) -> Canvas:
     """Map every pixel of a rectified image of the given size."""
     raw = view.raw_grid(width, height).astype(np.float32)
     u, v = raw[..., 0], raw[..., 1]
@@ -167,7 +167,7 @@ def swapped_window(window: Window) -> Window:
     return Window(window.v, window.u, window.height, window.width)
 
 
-def warped_centre(view: View, raw_width: int, raw_height: int) -> Matrix:
+def warped_centre(view: RectifiedCamera, raw_width: int, raw_height: int) -> Matrix:
     """Rectified pixel of the raw image's centre, (2,) px."""
     centre: Matrix = view.rectified(np.array([[(raw_width - 1) / 2, (raw_height - 1) / 2]]))[0]
     return centre

@@ -10,16 +10,16 @@ from uw_recon_ros.topics import find_topic, published_by
 
 
 @dataclass(frozen=True)
-class Source:
+class InputTopic:
     """A topic that may serve an input."""
 
-    topic: str
+    name: str
     type: Any
 
 
-def source(topic: str) -> Source:
+def input_topic(topic: str) -> InputTopic:
     """A topic of the table."""
-    return Source(topic, message_class(find_topic(topic).type))
+    return InputTopic(topic, message_class(find_topic(topic).type))
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Input:
     ----------
     name : str
         Under which a group holds its message.
-    sources : tuple of Source
+    alternatives : tuple of InputTopic
         Alternatives; the first that has a publisher is taken.
     role : {'paired', 'optional', 'latest'}
         ``paired``: grouped by stamp. ``optional``: the same where it has a publisher, else done without. ``latest``:
@@ -38,7 +38,7 @@ class Input:
     """
 
     name: str
-    sources: tuple[Source, ...]
+    alternatives: tuple[InputTopic, ...]
     role: Literal["paired", "optional", "latest"] = "paired"
 
 

@@ -11,7 +11,7 @@ from rclpy.node import Node
 
 from uw_recon_ros.errors import MessageError
 from uw_recon_ros.messages.headers import received_stamp_ns
-from uw_recon_ros.ros.declarations import Input, Source
+from uw_recon_ros.ros.declarations import Input, InputTopic
 from uw_recon_ros.ros.diagnostics import PASSED_OVER, Diagnostics
 from uw_recon_ros.ros.message_groups import Assembler, Group
 from uw_recon_ros.ros.qos import ReliableFirst
@@ -25,7 +25,7 @@ _PATIENCE = 3  # gaps between messages without one, before a slow topic counts a
 class _Line:
     """The subscription of one input."""
 
-    source: Source
+    chosen: InputTopic
     subscription: ReliableFirst
     since: float = field(default_factory=time.monotonic)
     gap: float = 0.0
@@ -59,7 +59,7 @@ class Inputs:
     ignored : frozenset of str
         Inputs not wanted at present.
     accepts : callable
-        Whether a `Source` may be taken at present.
+        Whether an `InputTopic` may be taken at present.
     stall_s : float
         Silence before a warning, s.
     pace : Pace
@@ -80,7 +80,7 @@ class Inputs:
         self._lines: dict[str, _Line] = {}
         self.active = False
         self.ignored: frozenset[str] = frozenset()
-        self.accepts: Callable[[Source], bool] = lambda source: True
+        self.accepts: Callable[[InputTopic], bool] = lambda topic: True
         self.stall_s = 5.0
         self.pace = Pace()
         self._last_group = 0.0
@@ -113,7 +113,7 @@ class Inputs:
 
     def publishers(self) -> dict[str, int]:
         """How many publishers the subscription to each topic read at present has found."""
-        return {line.source.topic: line.subscription.publishers for line in self._lines.values()}
+        return {line.chosen.name: line.subscription.publishers for line in self._lines.values()}
 
     def has_publisher(self, topic: str) -> bool:
         """Whether anybody publishes `topic`, remapped as this node's subscription is."""
@@ -121,28 +121,28 @@ class Inputs:
 
     def _served(self, wanted: Input) -> bool:
         line = self._lines.get(wanted.name)
-        return line is not None and self.has_publisher(line.source.topic)
+        return line is not None and self.has_publisher(line.chosen.name)
 
     def _attend(self, wanted: Input) -> None:
-        """Subscribe to the source that fits best now."""
+        """Subscribe to the topic that fits best now."""
         line = self._lines.get(wanted.name)
-        sources = [] if wanted.name in self.ignored else [s for s in wanted.sources if self.accepts(s)]
-        if not sources:
+        alternatives = [] if wanted.name in self.ignored else [s for s in wanted.alternatives if self.accepts(s)]
+        if not alternatives:
             self._close(wanted.name)
             return
-        current = line.source if line is not None and line.source in sources else sources[0]
-        best = next((s for s in sources if self.has_publisher(s.topic)), current)
-        if line is None or line.source != best:
+        current = line.chosen if line is not None and line.chosen in alternatives else alternatives[0]
+        best = next((s for s in alternatives if self.has_publisher(s.name)), current)
+        if line is None or line.chosen != best:
             self._close(wanted.name)
             self._lines[wanted.name] = _Line(best, self._subscribe(wanted, best))
 
-    def _subscribe(self, wanted: Input, source: Source) -> ReliableFirst:
+    def _subscribe(self, wanted: Input, topic: InputTopic) -> ReliableFirst:
         return ReliableFirst(
-            self._node, source.type, source.topic,
-            lambda message: self._receive(wanted, source, message),
-            on_fallback=lambda text: self._warn(f"qos {source.topic}", text),
+            self._node, topic.type, topic.name,
+            lambda message: self._receive(wanted, topic, message),
+            on_fallback=lambda text: self._warn(f"qos {topic.name}", text),
             on_match=self.refresh,
-            on_lost=lambda number: self._diagnostics.drop(f"lost on the way: {source.topic}", number=number),
+            on_lost=lambda number: self._diagnostics.drop(f"lost on the way: {topic.name}", number=number),
         )  # fmt: skip
 
     def _close(self, name: str) -> None:
@@ -150,15 +150,15 @@ class Inputs:
         if line is not None:
             line.subscription.destroy()
 
-    def _receive(self, wanted: Input, source: Source, message: Any) -> None:
+    def _receive(self, wanted: Input, topic: InputTopic, message: Any) -> None:
         line = self._lines.get(wanted.name)
-        if line is None or line.source != source:  # still in the queue of a subscription just given up
+        if line is None or line.chosen != topic:  # still in the queue of a subscription just given up
             return
-        self._diagnostics.count(f"in {source.topic}")
+        self._diagnostics.count(f"in {topic.name}")
         try:
             stamp = received_stamp_ns(message)
         except MessageError as error:
-            self._refuse(source.topic, error)
+            self._refuse(topic.name, error)
             return
         line.received(stamp)
         if wanted.role == "latest":
@@ -189,14 +189,14 @@ class Inputs:
         line = self._lines.get(wanted.name)
         if line is None or now - line.since <= max(self.stall_s, _PATIENCE * line.gap):
             return None
-        alternatives = [source.topic for source in wanted.sources if self.accepts(source)]
-        return why_silent(self._node, line.source.topic, alternatives, required=wanted.role == "paired")
+        alternatives = [topic.name for topic in wanted.alternatives if self.accepts(topic)]
+        return why_silent(self._node, line.chosen.name, alternatives, required=wanted.role == "paired")
 
     def _why_unpaired(self) -> str | None:
         if self.assembler.awaited:
             return f"waiting for the first message of {', '.join(sorted(self.assembler.awaited))}"
         paired = [self._lines[i.name] for i in self._inputs if i.role != "latest" and i.name in self._lines]
-        stamps = {line.source.topic: line.last_stamp for line in paired if line.last_stamp is not None}
+        stamps = {line.chosen.name: line.last_stamp for line in paired if line.last_stamp is not None}
         return why_unpaired(stamps, self.assembler.tolerance_ns)
 
 

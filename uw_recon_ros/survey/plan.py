@@ -24,8 +24,8 @@ from uw_recon_ros.pipeline import PipelineParams
 from uw_recon_ros.preprocess.stage import PreprocessParams
 from uw_recon_ros.reconstruct.stage import ReconstructParams
 from uw_recon_ros.rectify.rectification import Rectification
+from uw_recon_ros.rectify.rectified_camera import RectifiedCamera
 from uw_recon_ros.rectify.stage import RectifyParams
-from uw_recon_ros.rectify.views import View
 from uw_recon_ros.survey.pair_index import Frame
 from uw_recon_ros.survey.params import SurveyParams
 from uw_recon_ros.survey.sources import Source
@@ -114,7 +114,8 @@ class Task:
 
 _CLASSES = (
     Plan, Source, StereoCalibration, CameraModel, SurveyParams, PipelineParams, PreprocessParams, RectifyParams,
-    MatchParams, ReconstructParams, Rectification, View, StereoGeometry, RectificationQuality, Finding, Window,
+    MatchParams, ReconstructParams, Rectification, RectifiedCamera, StereoGeometry, RectificationQuality, Finding,
+    Window,
 )  # fmt: skip
 
 

@@ -15,7 +15,7 @@ _NEWTON_STEP = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class RectifiedCamera:
     """One camera, raw and rectified: ``x_rect = k_new @ r @ undistort(k^-1 @ x_raw)``.
 
     Parameters
@@ -39,7 +39,7 @@ class View:
     distortion_model: str = "plumb_bob"
 
     @classmethod
-    def of_camera(cls, camera: CameraModel) -> View:
+    def of_camera(cls, camera: CameraModel) -> RectifiedCamera:
         """The view that a calibration prescribes."""
         return cls(camera.k, camera.r, camera.p[:, :3], camera.d, camera.distortion_model)
 
@@ -58,16 +58,16 @@ class View:
         """Whether raw pixels are the rectified ones."""
         return not self.distorted and bool(np.abs(self.homography - np.eye(3)).max() < 1e-9)
 
-    def moved(self, u: float, v: float) -> View:
+    def moved(self, u: float, v: float) -> RectifiedCamera:
         """The same view with its image's origin at pixel (u, v) of this one."""
         return replace(self, k_new=np.array([[1, 0, -u], [0, 1, -v], [0, 0, 1.0]]) @ self.k_new)
 
-    def transposed(self) -> View:
+    def transposed(self) -> RectifiedCamera:
         """Rows and columns exchanged, raw and rectified; for views without distortion."""
         if self.distorted:
             raise ValueError("view: expected no distortion to exchange rows and columns")
         swap = np.eye(3)[[1, 0, 2]]
-        return View(swap @ self.k @ swap, swap @ self.r @ swap, swap @ self.k_new @ swap)
+        return RectifiedCamera(swap @ self.k @ swap, swap @ self.r @ swap, swap @ self.k_new @ swap)
 
     def rectified(self, raw: Matrix) -> Matrix:
         """Rectified pixels of raw ones, (N, 2) px to (N, 2) px; NaN behind the rectified camera."""
@@ -91,6 +91,10 @@ class View:
         return distorted(self, grid.reshape(-1, 2)).reshape(grid.shape) if self.distorted else grid
 
 
+#: Left and right.
+Views = tuple[RectifiedCamera, RectifiedCamera]
+
+
 def _inverse(matrix: Matrix) -> Matrix:
     return np.asarray(np.linalg.inv(matrix), np.float64)
 
@@ -103,12 +107,12 @@ def _project(matrix: Matrix, points: Matrix) -> Matrix:
     return result
 
 
-def distorted(view: View, rays: Matrix) -> Matrix:
+def distorted(view: RectifiedCamera, rays: Matrix) -> Matrix:
     """Raw pixels of undistorted rays ``(x, y, 1)``.
 
     Parameters
     ----------
-    view : View
+    view : RectifiedCamera
     rays : (N, 2) float64
         NaN stays NaN.
 
@@ -129,12 +133,12 @@ def distorted(view: View, rays: Matrix) -> Matrix:
     return np.where(np.isfinite(rays), bent.reshape(-1, 2), np.nan)
 
 
-def undistorted(view: View, raw: Matrix) -> Matrix:
+def undistorted(view: RectifiedCamera, raw: Matrix) -> Matrix:
     """Rays ``(x, y, 1)`` of raw pixels: OpenCV's start, then Newton on `distorted` to rounding.
 
     Parameters
     ----------
-    view : View
+    view : RectifiedCamera
     raw : (N, 2) float64
         px.
 

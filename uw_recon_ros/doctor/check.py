@@ -15,7 +15,7 @@ class Level(IntEnum):
 
 
 @dataclass(frozen=True)
-class Finding:
+class Check:
     """One line of the doctor's table.
 
     Parameters
@@ -41,16 +41,16 @@ class Finding:
     code: str = ""
 
 
-def ok(stage: str, text: str) -> Finding:
+def ok(stage: str, text: str) -> Check:
     """Make a finding of something that is well."""
-    return Finding(Level.OK, stage, text)
+    return Check(Level.OK, stage, text)
 
 
-def warn(stage: str, text: str, advice: str = "", *, symptom: bool = False) -> Finding:
+def warn(stage: str, text: str, advice: str = "", *, symptom: bool = False) -> Check:
     """Make a finding of something that may matter."""
-    return Finding(Level.WARN, stage, text, advice, symptom)
+    return Check(Level.WARN, stage, text, advice, symptom)
 
 
-def fail(stage: str, text: str, advice: str = "", *, symptom: bool = False) -> Finding:
+def fail(stage: str, text: str, advice: str = "", *, symptom: bool = False) -> Check:
     """Make a finding of something that keeps clouds from coming."""
-    return Finding(Level.FAIL, stage, text, advice, symptom)
+    return Check(Level.FAIL, stage, text, advice, symptom)

@@ -6,7 +6,7 @@ import pytest
 from helpers.rig_scenes import Camera, distort, intrinsics
 from scipy.spatial.transform import Rotation
 
-from uw_recon_ros.rectify.views import View, distorted, undistorted
+from uw_recon_ros.rectify.rectified_camera import RectifiedCamera, distorted, undistorted
 
 CAMERAS = [
     ("plumb_bob", [0.0] * 5),
@@ -20,7 +20,7 @@ K_NEW = np.array([[480.0, 0, 300.0], [0, 480, 250], [0, 0, 1]])
 
 
 def view_of(model, d):
-    return View(K, R, K_NEW, np.array(d), model)
+    return RectifiedCamera(K, R, K_NEW, np.array(d), model)
 
 
 def grid(width=640, height=480, step=40):
@@ -68,7 +68,7 @@ def test_what_no_ray_reaches_is_nan():
 
 
 def test_behind_the_camera_is_nan():
-    back = View(K, Rotation.from_euler("y", 120, degrees=True).as_matrix(), K_NEW)
+    back = RectifiedCamera(K, Rotation.from_euler("y", 120, degrees=True).as_matrix(), K_NEW)
     assert np.isnan(back.rectified(np.array([[320.0, 240.0]]))).all()
 
 
@@ -78,13 +78,13 @@ def test_moved_views_move_pixels():
 
 
 def test_exchanging_rows_and_columns():
-    view = View(K, R, K_NEW)
+    view = RectifiedCamera(K, R, K_NEW)
     np.testing.assert_allclose(view.transposed().rectified(grid()[:, ::-1]), view.rectified(grid())[:, ::-1], atol=1e-9)
     with pytest.raises(ValueError, match="no distortion"):
         view_of(*CAMERAS[1]).transposed()
 
 
 def test_identity():
-    assert View(K, np.eye(3), K).identity
-    assert not View(K, R, K).identity
-    assert not View(K, np.eye(3), K, np.array([0.1, 0, 0, 0])).identity
+    assert RectifiedCamera(K, np.eye(3), K).identity
+    assert not RectifiedCamera(K, R, K).identity
+    assert not RectifiedCamera(K, np.eye(3), K, np.array([0.1, 0, 0, 0])).identity
