@@ -18,6 +18,7 @@ MESSAGES += ["rosgraph-msgs", "lifecycle-msgs"]
 PAGES = ["report", "survey"]
 DASK, LAZ = ["distributed>=2024.1"], ["laspy>=2.5", "lazrs>=0.5"]
 COMPLETION = ["argcomplete>=3"]
+MODEL = ["fast-simplification>=0.1.9", "xatlas>=0.0.9"]
 DOCS = ["sphinx>=7.2", "myst-parser>=3", "furo>=2024.1.29"]
 TEST = [
     "pytest>=7.4",
@@ -28,7 +29,9 @@ TEST = [
     *DASK,
     *LAZ,
     *COMPLETION,
+    *MODEL,
     "rasterio>=1.3",
+    "pyproj>=3.5",
 ]
 
 
@@ -90,6 +93,7 @@ setup(
         "ros-kilted": ros_wheels("kilted"),
         "dask": DASK,
         "laz": LAZ,
+        "model": MODEL,
         "completion": COMPLETION,
         "test": TEST,
         "docs": DOCS,

@@ -21,7 +21,8 @@ ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "uw_recon_ros"
 NOUNS = {"", "types", "params", "errors", "images", "calibration", "pairing", "jit", "progress"}
 NOUNS |= {"files", "lazy", "stopwatch", "bounds", "image_pair", "system_errors"}
-NOUNS |= {"evaluate", "signals", "findings", "topics", "trajectory", "rigid", "evaluate_trajectory", "unseen", "sides"}
+NOUNS |= {"evaluate", "signals", "findings", "topics", "trajectory", "rigid", "unseen", "sides"}
+NOUNS |= {"evaluate_trajectory", "evaluate_surface"}
 STAGE_ROOMS = {"preprocess", "rectify", "match", "reconstruct"}
 NODE_PARAMS = {"node_params", "catalogue"}
 OFFLINE = NOUNS | STAGE_ROOMS | NODE_PARAMS | {"pipeline"}
@@ -42,7 +43,7 @@ MAY_IMPORT = {
     "align": NOUNS | {"track", "align"},
     "locate": NOUNS | {"track", "align", "locate"},
     "fuse": NOUNS | {"fuse"},
-    "drape": NOUNS | {"drape"},
+    "drape": NOUNS | {"fuse", "drape"},
     "georeference": NOUNS | {"georeference"},
     "report": NOUNS | {"report"},
     "pair": OFFLINE | {"given_pair", "report", "warm"},
@@ -50,7 +51,7 @@ MAY_IMPORT = {
     "ros": NOUNS | STAGE_ROOMS | NODE_PARAMS | {"ros", "doctor", "messages"},
     "nodes": OFFLINE | {"ros", "nodes", "bags"},
     "survey": OFFLINE | {"survey", "bags", "report", "messages", "warm"},
-    "model": OFFLINE | {"survey", "track", "locate", "fuse", "drape", "georeference", "model"},
+    "model": OFFLINE | {"survey", "report", "bags", "track", "locate", "fuse", "drape", "georeference", "model"},
     "executables": {"", "signals"},
     "cli": OFFLINE | {"cli", "pair", "warm", "bags", "simulate", "report", "survey", "model", "doctor", "ros"},
 }

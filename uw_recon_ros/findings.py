@@ -76,8 +76,10 @@ class Code(str, Enum):
     RECTIFY_TIE_POINTS = "rectify.tie_points"
     # models of a dive
     MODEL = "model"
+    MODEL_COARSENED = "model.coarsened"
     MODEL_DISK = "model.disk"
     MODEL_EXISTS = "model.exists"
+    MODEL_EXTRA_ABSENT = "model.extra_absent"
     MODEL_FRAMES_DROPPED = "model.frames_dropped"
     MODEL_NOTHING = "model.nothing"
     MODEL_NOT_KEPT = "model.not_kept"
@@ -85,6 +87,7 @@ class Code(str, Enum):
     MODEL_NO_OVERLAP = "model.no_overlap"
     MODEL_NO_SURVEY = "model.no_survey"
     MODEL_POSES = "model.poses"
+    MODEL_TOO_LARGE = "model.too_large"
     # parts of an image that show no scene
     REGION_BLANK = "region.blank"
     REGION_BORDER = "region.border"

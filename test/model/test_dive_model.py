@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import html
 import json
 import shutil
 from dataclasses import replace
@@ -16,12 +17,13 @@ import trimesh
 from uw_recon_ros.cli import main
 from uw_recon_ros.errors import ModelError
 from uw_recon_ros.findings import Code
-from uw_recon_ros.model import build
-from uw_recon_ros.model.build import Request, build_model, round_up
+from uw_recon_ros.model import maps
+from uw_recon_ros.model.build import Request, build_model
 from uw_recon_ros.model.evaluate import distances, evaluate_model
+from uw_recon_ros.model.page import tracks_of
 from uw_recon_ros.model.params import DiveModelParams
 from uw_recon_ros.survey.kept_frame import read_kept, write_kept
-from uw_recon_ros.trajectory import read_tum, write_tum
+from uw_recon_ros.trajectory import PoseStatus, read_tum, trajectory_of, write_tum
 
 FRAMES = 6
 PARAMS = """/**:
@@ -30,8 +32,9 @@ PARAMS = """/**:
     min_disparity: 2
     max_disparity: 40
 """
-FILES = {"cloud.ply", "elevation.tif", "mesh.glb", "mesh.ply", "model.json", "orthomosaic.tif", "trajectory.csv",
-         "trajectory.txt"}  # fmt: skip
+QUICK = {"texture_faces": 500, "texture_px": 256}
+FILES = {"cloud.ply", "elevation.tif", "mesh.glb", "mesh.ply", "model.json", "orthomosaic.tif", "report.html",
+         "trajectory.csv", "trajectory.txt"}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +51,7 @@ def dive(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def made(dive: Path) -> Path:
-    assert main(["model", str(dive / "survey"), "--quiet"]) == 0
+    assert main(["model", str(dive / "survey"), "--quiet", "--texture-faces", "500", "--texture-px", "256"]) == 0
     return dive / "survey" / "model"
 
 
@@ -64,7 +67,7 @@ def frames(survey: Path) -> list[Path]:
 
 
 def build_quietly(survey: Path, **more: Any) -> dict[str, Any]:
-    return build_model(Request(str(survey), **{"params": DiveModelParams(), **more}), lambda _: None)
+    return build_model(Request(str(survey), **{"params": DiveModelParams(**QUICK), **more}), lambda _: None)
 
 
 def refused(survey: Path, **more: Any) -> ModelError:
@@ -107,6 +110,26 @@ def test_a_model_that_lies_elsewhere_is_found_out(dive: Path, made: Path, tmp_pa
     assert moved["completeness_percent"] < 10
 
 
+def test_the_pages_show_the_model_first(dive: Path, made: Path) -> None:
+    page, report = (made / "report.html").read_text(), (dive / "survey" / "report.html").read_text()
+    order = [page.index(words) for words in ('class="viewer"', 'class="map"', "What went wrong", "Gravity is unknown")]
+    assert order[:3] == sorted(order[:3])
+    assert all(words in page for words in (">Sigma<", ">Views<", ">Track<", ">Orthomosaic<", ">Height<"))
+    assert f"{FRAMES} of {FRAMES}" in page
+    assert html.escape(page) in report
+    assert report.index("<iframe") < report.index("frames reconstructed")
+
+
+def test_a_track_is_cut_where_the_way_of_knowing_it_changes() -> None:
+    poses = np.tile(np.eye(4), (6, 1, 1))
+    poses[:, 0, 3] = np.arange(6)
+    way = trajectory_of(list(range(6)), poses, status=PoseStatus.TRACKED)
+    way = replace(way, status=np.array([0, 0, 2, 2, 0, 0], np.uint8), segment=np.array([0, 0, 0, 0, 0, 1]))
+    found = [track.points[:, 0].tolist() for track in tracks_of(way, 0)]
+    assert found == [[0, 1], [1, 2, 3], [3, 4]]
+    assert [track.color for track in tracks_of(way, 1)] == [next(tracks_of(way, 0)).color]
+
+
 def test_the_mesh_says_how_sure_it_is(made: Path) -> None:
     mesh = trimesh.load(made / "mesh.ply", process=False)
     data = mesh.metadata["_ply_raw"]["vertex"]["data"]
@@ -120,8 +143,8 @@ def test_the_mesh_says_how_sure_it_is(made: Path) -> None:
 
 
 def test_the_same_survey_gives_the_same_bytes(made: Path, survey: Path) -> None:
-    build_quietly(survey, params=DiveModelParams(tile_m=0.3))
-    for name in FILES - {"model.json", "mesh.ply", "mesh.glb"}:  # there faces stand tile by tile
+    build_quietly(survey, params=DiveModelParams(**QUICK, jobs=2))
+    for name in FILES - {"model.json"}:  # the parameters stand there
         assert (survey / "model" / name).read_bytes() == (made / name).read_bytes(), name
     build_quietly(survey, overwrite=True)
     for name in FILES:
@@ -132,7 +155,7 @@ def test_poses_in_a_projected_system_put_the_maps_there(dive: Path, survey: Path
     true = read_tum(dive / "truth" / "trajectory.txt")
     start = np.array([500_000.0, 4_649_776.0, 0.0])
     write_tum(tmp_path / "poses.txt", replace(true, origin=start))
-    params = DiveModelParams(epsg=32633, poses_sigma_m=0.01)
+    params = DiveModelParams(**QUICK, epsg=32633, poses_sigma_m=0.01)
     summary = build_quietly(survey, params=params, poses=str(tmp_path / "poses.txt"))
     assert summary["origin"] == [500_000.0, 4_650_000.0, 0.0]
     assert summary["crs"] == "EPSG:32633"
@@ -216,12 +239,10 @@ def test_nothing_is_overwritten_unasked(survey: Path) -> None:
 
 
 def test_a_full_disk_keeps_what_is_finished(survey: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(path: Path, data: bytes) -> None:
-        if path.suffix == ".tif":
-            raise OSError(errno.ENOSPC, "No space left on device", str(path))
-        path.write_bytes(data)
+    def full(path: Path, *_: Any, **__: Any) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device", str(path))
 
-    monkeypatch.setattr(build, "write_bytes", full)
+    monkeypatch.setattr(maps, "write_geotiff", full)
     error = refused(survey)
     assert error.code == Code.MODEL_DISK
     left = {path.name for path in (survey / "model").iterdir()}
@@ -231,11 +252,6 @@ def test_a_full_disk_keeps_what_is_finished(survey: Path, monkeypatch: pytest.Mo
 
 def test_a_code_of_a_system_needs_poses_in_it(survey: Path) -> None:
     assert refused(survey, params=DiveModelParams(epsg=32633)).code == Code.MODEL_POSES
-
-
-@pytest.mark.parametrize(("length", "expected"), [(0.0031, 0.005), (0.005, 0.005), (0.0071, 0.01), (1.2, 2.0)])
-def test_sizes_are_round(length: float, expected: float) -> None:
-    assert round_up(length) == expected
 
 
 def test_distances_are_those_to_the_triangles() -> None:

@@ -16,7 +16,9 @@ import pytest
 from helpers.browser import run_in_browser
 from helpers.report_results import HEIGHT, WIDTH, depth_map, pair_results, picture, surface
 
-from uw_recon_ros.report.embed import mesh_json, picture_uri, script_safe
+from uw_recon_ros.report.colors import ColorBar
+from uw_recon_ros.report.content import Layer, Map, MapLayer, Overlay, Track
+from uw_recon_ros.report.embed import map_json, mesh_json, picture_uri, script_safe
 from uw_recon_ros.report.numbers import depth_errors, error_rows, matching_rows, measured, percent, time_rows
 from uw_recon_ros.report.page import Figure, Section, Summary, render_page, write_page
 from uw_recon_ros.report.pair import write_pair_page
@@ -132,6 +134,51 @@ def test_the_mesh_comes_back_from_its_json(side):
     assert document["metric"] is True
 
 
+def numbers(text, dtype):
+    return np.frombuffer(base64.b64decode(text), dtype)
+
+
+def test_layers_and_tracks_come_back_from_their_json():
+    source = surface()
+    values = np.linspace(0, 2, len(source.vertices))
+    layer = Layer("Sigma", values, ColorBar(0.0, 1.0, "m", "magma"))
+    track = Track(np.arange(6.0).reshape(2, 3), (1, 2, 3), "seen")
+    document = json.loads(mesh_json(source, Overlay([layer], [track], upright=True)))
+    assert document["turn"] == [1, 1, 1]
+    assert json.loads(mesh_json(source))["turn"] == [1, -1, -1]
+    shade = numbers(document["layers"][0]["values"], np.uint8) / 255
+    np.testing.assert_allclose(shade, values.clip(0, 1), atol=0.002)
+    np.testing.assert_array_equal(numbers(document["tracks"][0]["points"], "<f4"), np.arange(6))
+
+
+def test_a_map_comes_back_from_its_json_with_what_it_does_not_show():
+    image = np.zeros((20, 30, 4), np.uint8)
+    image[5:, :, :] = (200, 40, 30, 255)
+    document = json.loads(map_json(Map([MapLayer("x", image)], 0.5, 10.0, 20.0, "m")))
+    assert (document["width"], document["height"], document["pixel"]) == (30, 20, 0.5)
+    assert (document["west"], document["north"]) == (10.0, 20.0)
+    back = cv2.imdecode(numbers(document["layers"][0].split(",")[1], np.uint8), cv2.IMREAD_UNCHANGED)
+    assert np.array_equal(back[..., 3], image[..., 3])
+    assert np.abs(back[8:, :, [2, 1, 0]].astype(int) - image[8:, :, :3]).mean() < 8
+
+
+def test_tools_are_those_of_what_is_shown():
+    values = np.ones(len(surface().vertices))
+    overlay = Overlay(
+        [Layer(EVIL, values, ColorBar(0, 1, EVIL, "magma", EVIL))], [Track(np.zeros((1, 3)), (1, 2, 3), EVIL)], True
+    )
+    image = np.full((4, 4, 4), 255, np.uint8)
+    shown = Map([MapLayer(EVIL, image, ColorBar(0, 1, EVIL))], 1.0, 0.0, 0.0, EVIL)
+    reader = read(render_page("x", Summary(), [Section("x", surface=surface(), overlay=overlay, map=shown)]))
+    assert "alert" not in " ".join(reader.scripts)
+    acts = [attributes.get("data-act") for tag, attributes in reader.tags if tag == "button"]
+    assert {"mode-4", "track", "larger"} <= set(acts)
+    assert "Height" in reader.texts
+    plain = read(render_page("x", Summary(), [], surface()))
+    assert "track" not in [attributes.get("data-act") for _, attributes in plain.tags]
+    assert "Depth" in plain.texts
+
+
 @pytest.mark.parametrize("lossless", [True, False])
 def test_pictures_come_back_from_their_uri(lossless):
     smooth = cv2.GaussianBlur(picture(), (0, 0), 6.0)
@@ -235,6 +282,28 @@ def test_the_surface_is_seen_in_the_view(tmp_path):
     shot = cv2.imread(str(tmp_path / "shot.png"))[..., ::-1].astype(int)
     seen = (shot[..., 0] > 200) & (shot[..., 1] < 60) & (shot[..., 2] < 70)
     assert seen.mean() > 0.05
+
+
+def test_layers_tracks_and_map_are_seen(tmp_path):
+    """The layer's brightest colour on the surface, the track over it, the map's picture below."""
+    values, low = np.ones(len(surface().vertices)), surface().vertices.min(axis=0)
+    overlay = Overlay([Layer("one", values, ColorBar(0, 1, "m", "viridis"))],
+                      [Track(np.array([low, surface().vertices.max(axis=0)]), (250, 0, 250), "way")])  # fmt: skip
+    red = Map([MapLayer("x", np.full((40, 40, 4), (220, 20, 10, 255), np.uint8))], 0.1, 0.0, 0.0, "m")
+    page = tmp_path / "index.html"
+    html = render_page("x", Summary(), [Section(surface=surface(), overlay=overlay, map=red)])
+    html = re.sub(r"<meta http-equiv[^>]*>", "", html)  # so that the test may press a button
+    html = html.replace("</body>", "<script>document.querySelector('.viewer').view.act('mode-4')</script></body>")
+    page.write_text(html, encoding="utf-8")
+    run_in_browser(page, tmp_path, f"--screenshot={tmp_path / 'shot.png'}", "--window-size=1000,1600")
+    shot = cv2.imread(str(tmp_path / "shot.png"))[..., ::-1].astype(int)
+
+    def share(color, near=40):
+        return (np.abs(shot - color).max(axis=2) < near).mean()
+
+    assert share((253, 231, 37), 60) > 0.03  # viridis' end
+    assert share((250, 0, 250)) > 0.0005
+    assert share((220, 20, 10)) > 0.05
 
 
 def test_what_a_message_does_not_say_has_no_row():

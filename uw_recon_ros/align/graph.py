@@ -14,8 +14,9 @@ from uw_recon_ros import rigid
 from uw_recon_ros.types import Matrix
 
 _ROUNDS = 30
-_CONVERGED = 1e-6
-_COVARIANCES = 200  # poses whose covariance is computed; between them it is interpolated
+_CONVERGED, _NEARLY = 1e-6, 1e-4  # largest step, m and rad; the second where a finer solution follows
+_COVARIANCES = 100  # poses whose covariance is computed; between them it is interpolated
+_AT_ONCE = 10  # of them: the solver is faster with several right sides, and each takes memory
 _HELD = 1e12  # information that ties the first pose of a part
 
 
@@ -75,7 +76,7 @@ class Solved:
     ----------
     poses : (N, 4, 4) float64
     covariances : (N, 6, 6) float64
-        Of the twist on the right.
+        Of the twist on the right; NaN where they were not asked for.
     squares : (E,) float64
         chi2 (of 6) of each edge.
     anchor_squares : (A,) float64
@@ -126,28 +127,38 @@ def _robust(squares: Matrix, scale: float) -> Matrix:
 
 
 class _System:
-    """Where the blocks of the normal equations go; the same in every round."""
+    """The normal equations. Where their blocks go is worked out once; every round only adds up."""
 
     def __init__(self, count: int, edges: Edges, anchors: Anchors, held: NDArray[np.int64]) -> None:
-        i, j, every = edges.first, edges.second, np.arange(count)
-        self.rows = np.concatenate([i, i, j, j, anchors.index, every])
-        self.columns = np.concatenate([i, j, i, j, anchors.index, every])
         self.count, self.edges, self.anchors = count, edges, anchors
+        self.information = np.linalg.inv(edges.covariances)
         self.floor = np.tile(1e-9 * np.eye(6), (count, 1, 1))
         self.floor[held] += _HELD * np.eye(6)
+        i, j, every = edges.first, edges.second, np.arange(count)
+        self._place(
+            np.concatenate([i, i, j, j, anchors.index, every]), np.concatenate([i, j, i, j, anchors.index, every])
+        )
+
+    def _place(self, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> None:
+        """The pattern of the matrix, and the slot in it of every number of blocks at (rows, columns)."""
+        side, inner = 6 * self.count, np.arange(6)
+        row = 6 * rows[:, None, None] + inner[None, :, None]
+        column = 6 * columns[:, None, None] + inner[None, None, :]
+        keys, self.slots = np.unique((column * side + row).ravel(), return_inverse=True)
+        self.indices = (keys % side).astype(np.int32)
+        self.starts = np.searchsorted(keys, np.arange(side + 1) * side).astype(np.int32)
 
     def matrix(self, blocks: Matrix) -> sparse.csc_matrix:
         """Blocks (B, 6, 6) put where they belong."""
-        inner = np.arange(6)
-        rows = (6 * self.rows[:, None, None] + inner[None, :, None] + 0 * inner[None, None, :]).ravel()
-        columns = (6 * self.columns[:, None, None] + 0 * inner[None, :, None] + inner[None, None, :]).ravel()
-        return sparse.csc_matrix((blocks.ravel(), (rows, columns)), shape=(6 * self.count, 6 * self.count))
+        side = 6 * self.count
+        data = np.bincount(self.slots.ravel(), weights=blocks.ravel(), minlength=len(self.indices))
+        return sparse.csc_matrix((data, self.indices, self.starts), shape=(side, side))
 
     def build(self, poses: Matrix, weights: Matrix, anchor_weights: Matrix) -> tuple[sparse.csc_matrix, Matrix]:
         """Matrix and gradient of the normal equations."""
         missed = residuals(poses, self.edges)
         a, b = _slopes(poses, self.edges, missed)
-        strong = weights[:, None, None] * np.linalg.inv(self.edges.covariances)
+        strong = weights[:, None, None] * self.information
         at, bt = a.transpose(0, 2, 1) @ strong, b.transpose(0, 2, 1) @ strong
         off, c = _anchor_terms(poses, self.anchors)
         ct = c.transpose(0, 2, 1) @ (anchor_weights[:, None, None] * self.anchors.information)
@@ -172,6 +183,7 @@ def solve_graph(
     *,
     robust_scale: float = 30.0,
     rounds: int = _ROUNDS,
+    final: bool = True,
 ) -> Solved:
     """Find the poses.
 
@@ -185,15 +197,19 @@ def solve_graph(
     anchors : Anchors, optional
     robust_scale : float
         chi2 (of 6) at which a robust edge or an anchor has a quarter of its weight.
+    rounds : int
+        At most.
+    final : bool
+        Whether covariances are wanted, and the last digits; else another solution begins from this one.
 
     Notes
     -----
     Gauss-Newton as in Grisetti et al. (2010), robust as in Geman and McClure; covariances from the factored normal
-    equations at about 200 poses, interpolated between.
+    equations at about 100 poses, interpolated between.
     """
     known = no_anchors() if anchors is None else anchors
     system = _System(len(poses), edges, known, held)
-    information = np.linalg.inv(edges.covariances)
+    information, enough = system.information, _CONVERGED if final else _NEARLY
     factor: SuperLU | None = None
     done = 0
     for done in range(1, rounds + 1):  # noqa: B007
@@ -204,11 +220,11 @@ def solve_graph(
         factor = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
         step = -factor.solve(gradient).reshape(-1, 6)
         poses = poses @ rigid.exp(step)
-        if np.abs(step).max() < _CONVERGED:
+        if np.abs(step).max() < enough:
             break
     squares = _squares(residuals(poses, edges), information)
     anchor_squares = _squares(_anchor_terms(poses, known)[0], known.information)
-    return Solved(poses, _covariances(factor, len(poses)), squares, anchor_squares, done)
+    return Solved(poses, _covariances(factor if final else None, len(poses)), squares, anchor_squares, done)
 
 
 def _covariances(factor: SuperLU | None, count: int) -> Matrix:
@@ -216,11 +232,14 @@ def _covariances(factor: SuperLU | None, count: int) -> Matrix:
         return np.full((count, 6, 6), np.nan)
     chosen = np.unique(np.linspace(0, count - 1, min(count, _COVARIANCES)).round().astype(int))
     found = np.empty((len(chosen), 6, 6))
-    for k, index in enumerate(chosen):
-        unit = np.zeros((6 * count, 6))
-        unit[6 * index : 6 * index + 6] = np.eye(6)
-        block = factor.solve(unit)[6 * index : 6 * index + 6]
-        found[k] = (block + block.T) / 2
+    for first in range(0, len(chosen), _AT_ONCE):
+        places = (6 * chosen[first : first + _AT_ONCE, None] + np.arange(6)).ravel()
+        unit = np.zeros((6 * count, len(places)), order="F")
+        unit[places, np.arange(len(places))] = 1.0
+        solved = factor.solve(unit)[places]
+        for k in range(0, len(places), 6):
+            block = solved[k : k + 6, k : k + 6]
+            found[first + k // 6] = (block + block.T) / 2
     after = np.searchsorted(chosen, np.arange(count)).clip(0, len(chosen) - 1)
     before = np.maximum(after - 1, 0)
     width = np.maximum(chosen[after] - chosen[before], 1)

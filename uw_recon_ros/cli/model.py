@@ -6,7 +6,7 @@ import argparse
 import json
 import sys
 
-from uw_recon_ros.cli.common import OK, UsageError, add_params, given_params, warn
+from uw_recon_ros.cli.common import OK, UsageError, add_params, given_params, one_blas_thread, warn
 from uw_recon_ros.progress import say
 
 HELP = "make one model of a surveyed dive"
@@ -30,6 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Make the model, and say what came of it."""
+    one_blas_thread()
     from uw_recon_ros.model.build import Request, build_model
     from uw_recon_ros.model.params import DiveModelParams
 

@@ -17,6 +17,7 @@ from uw_recon_ros.cli.common import (
     add_calibration,
     add_params,
     given_params,
+    one_blas_thread,
     pipeline_params,
     warn,
 )
@@ -67,6 +68,7 @@ def _positive(text: str) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Reconstruct, and say what came of it."""
+    one_blas_thread()
     from uw_recon_ros.progress import Progress
     from uw_recon_ros.survey.job import Request
     from uw_recon_ros.survey.run import run_survey

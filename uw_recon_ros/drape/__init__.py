@@ -1,1 +1,1 @@
-"""What a surface looks like from above: height and colour by cells."""
+"""Pictures onto the surface: balanced colours, the best view of each place, maps from above, textured meshes."""

@@ -1,98 +1,130 @@
-"""How much brighter each view is than the others, channel by channel, from places that several of them show.
+"""Colours balanced over all frames at once.
 
-All views at once: ``log color = gain of the view + brightness of the place`` in least squares, the places eliminated.
+The colour of a place is the same in all pictures of it; its brightness is not: exposure differs from frame to frame,
+and the lamp lights the middle of every picture alike more than its rim. In logarithms both add up: ``log I = log A
+(place) + g (frame) + c . phi (pixel)``, and least squares over all overlaps give g for every frame and one c for all,
+in each channel. Places drop out of the equations (Brown and Lowe, 2007, for the gains; Goldman, 2010, for the field).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Protocol
+from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_matrix, diags
+from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
-from uw_recon_ros.rigid import inverse
-from uw_recon_ros.types import ByteImage, FloatImage, Matrix
+from uw_recon_ros.drape.sight import in_sight
+from uw_recon_ros.fuse.frame import View
+from uw_recon_ros.types import ByteImage, Matrix
 
-_PRIOR = 1e-3  # of a view's own places: a gain that nothing tells is 1
-_DARK, _BRIGHT = 3, 252  # channels beyond are cut off
-_PLACES = 30_000
-
-
-class Picture(Protocol):
-    """What is needed of a view: as in `uw_recon_ros.fuse.blocks.View`."""
-
-    @property
-    def color(self) -> ByteImage:
-        """(H, W, 3) uint8, RGB."""
-
-    @property
-    def depth(self) -> FloatImage:
-        """(H, W) float32, m."""
-
-    @property
-    def pose(self) -> Matrix:
-        """(4, 4) float64, world <- camera."""
-
-    @property
-    def intrinsics(self) -> Matrix:
-        """(4,) float64: fx, fy, cx, cy, px."""
+#: Of a pixel, across the picture from -1 to 1: x, y, x^2, x y, y^2, r^4.
+FIELD_TERMS = 6
+_BLUR_PX = 15
+_DARK, _BRIGHT = 8, 247  # of 255; beyond, a picture does not know
+_ROBUST = 0.1  # of a logarithm
+_ROUNDS = 4
+_GAIN_SIGMA = 0.5  # believed beforehand: without it a chain of overlaps drifts
+#: Of the field's terms. A slope of the field along a straight track looks just like gains that change along it.
+_FIELD_SIGMAS = (0.05, 0.05, 0.5, 0.5, 0.5, 0.5)
+_NOISE = 0.05
 
 
-def gains_of(view_of: Callable[[int], Picture], count: int, places: Matrix, tolerance_m: float) -> Matrix:
-    """(count, 3) how many times brighter each view is than the mean; divide by it.
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What pictures show of places.
 
     Parameters
     ----------
-    view_of : callable
-        Gives view k.
-    count : int
-    places : (N, 3) float64
-        Points of the surface; a part of them is looked at.
-    tolerance_m : float
-        A place whose depth differs more from a view's is hidden from it.
+    place, frame : (N,) int64
+    level : (N, 3) float64
+        Logarithm of the colour.
+    terms : (N, 6) float64
+        `field_terms` of the pixel.
     """
-    chosen = places[:: max(1, len(places) // _PLACES)]
-    views, where, logs = [], [], []
-    for k in range(count):
-        seen, colors = _samples(view_of(k), chosen, tolerance_m)
-        views.append(np.full(len(seen), k))
-        where.append(seen)
-        logs.append(np.log(colors))
-    gains: Matrix = np.exp(_balanced(np.concatenate(views), np.concatenate(where), np.concatenate(logs), count))
-    return gains
+
+    place: NDArray[np.int64]
+    frame: NDArray[np.int64]
+    level: Matrix
+    terms: Matrix
 
 
-def _samples(view: Picture, places: Matrix, tolerance_m: float) -> tuple[NDArray[np.intp], Matrix]:
-    """Which places a view shows, and (K, 3) their colours in it."""
-    there = inverse(view.pose)
-    local = places @ there[:3, :3].T + there[:3, 3]
-    height, width = view.depth.shape
-    fx, fy, cx, cy = view.intrinsics
-    z = np.where(local[:, 2] > 0, local[:, 2], np.nan)
-    u, v = fx * local[:, 0] / z + cx, fy * local[:, 1] / z + cy
-    inside = np.flatnonzero((u >= 0) & (v >= 0) & (u <= width - 1) & (v <= height - 1))
-    column, row = np.rint(u[inside]).astype(int), np.rint(v[inside]).astype(int)
-    colors = view.color[row, column].astype(np.float64)
-    good = np.abs(view.depth[row, column] - z[inside]) <= tolerance_m
-    good &= ((colors >= _DARK) & (colors <= _BRIGHT)).all(axis=1)
-    return inside[good], colors[good]
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """What pictures are multiplied by.
+
+    Parameters
+    ----------
+    gains : (F, 3) float64
+        Logarithm, a frame and channel.
+    field : (6, 3) float64
+        Coefficients of `field_terms`, common to all.
+    """
+
+    gains: Matrix
+    field: Matrix
 
 
-def _balanced(views: NDArray[np.intp], places: NDArray[np.intp], logs: Matrix, count: int) -> Matrix:
-    """(count, 3) logarithms of the gains, their mean zero where views hang together."""
-    if not len(views):
-        return np.zeros((count, 3))
-    _, numbers = np.unique(places, return_inverse=True)
-    shown = csr_matrix((np.ones(len(views)), (views, numbers)), shape=(count, numbers.max() + 1))
-    a_view, a_place = np.asarray(shown.sum(axis=1)).ravel(), np.asarray(shown.sum(axis=0)).ravel()
-    share = shown @ diags(1 / a_place)
-    system = diags(a_view * (1 + _PRIOR) + 1e-9) - share @ shown.T
-    found = np.empty((count, 3))
-    for channel in range(3):
-        sums = np.bincount(views, logs[:, channel], count)
-        means = np.bincount(numbers, logs[:, channel], len(a_place))
-        found[:, channel] = spsolve(system.tocsc(), sums - share @ means)
+def unbalanced(frames: int) -> Balance:
+    """Pictures as they are."""
+    return Balance(np.zeros((frames, 3)), np.zeros((FIELD_TERMS, 3)))
+
+
+def field_terms(u: Matrix, v: Matrix, width: int, height: int) -> Matrix:
+    """(N, 6) terms of pixels."""
+    x, y = (2 * u - width + 1) / width, (2 * v - height + 1) / width
+    return np.stack([x, y, x * x, x * y, y * y, (x * x + y * y) ** 2], axis=1)
+
+
+def look_at(points: Matrix, frame: int, view: View, left: ByteImage, tolerance: float) -> Seen:
+    """What one picture shows of places (P, 3), of those in its view."""
+    which, u, v = in_sight(points, view, tolerance)
+    smooth = cv2.blur(left, (_BLUR_PX, _BLUR_PX))[np.rint(v).astype(int), np.rint(u).astype(int)].astype(np.float64)
+    good = ((smooth > _DARK) & (smooth < _BRIGHT)).all(axis=1)
+    rows, columns = left.shape[:2]
+    terms = field_terms(u[good], v[good], columns, rows)
+    return Seen(which[good], np.full(int(good.sum()), frame, np.int64), np.log(smooth[good]), terms)
+
+
+def balance_frames(seen: list[Seen], places: int, frames: int) -> Balance:
+    """Solve for all frames together.
+
+    Parameters
+    ----------
+    seen : list of Seen
+    places, frames : int
+        How many there are.
+    """
+    place = np.concatenate([s.place for s in seen] or [np.empty(0, np.int64)])
+    frame = np.concatenate([s.frame for s in seen] or [np.empty(0, np.int64)])
+    if not len(place):
+        return unbalanced(frames)
+    level, terms = np.concatenate([s.level for s in seen]), np.concatenate([s.terms for s in seen])
+    row = np.arange(len(place))
+    design = sparse.hstack(
+        [sparse.csr_matrix((np.ones(len(row)), (row, frame)), (len(row), frames)), sparse.csr_matrix(terms)], "csr"
+    )
+    member = sparse.csr_matrix((np.ones(len(row)), (row, place)), (len(row), places))
+    solved = np.stack([_solve(design, member, level[:, c], frames) for c in range(3)], axis=1)
+    return Balance(solved[:frames] - solved[:frames].mean(axis=0), solved[frames:])
+
+
+def _solve(design: sparse.csr_matrix, member: sparse.csr_matrix, level: Matrix, frames: int) -> Matrix:
+    """Robust least squares with the places eliminated."""
+    sigmas = np.r_[np.full(frames, _GAIN_SIGMA), _FIELD_SIGMAS]
+    prior = sparse.diags((_NOISE / sigmas) ** 2)
+    weight, found = np.ones(len(level)), np.zeros(design.shape[1])
+    for _ in range(_ROUNDS):
+        weights = sparse.diags(weight)
+        count = np.maximum(np.asarray(member.T @ weight), 1e-12)
+        mixed = (member.T @ weights @ design).tocsr()
+        mean_level = np.asarray(member.T @ (weight * level)) / count
+        normal = design.T @ weights @ design - mixed.T @ sparse.diags(1 / count) @ mixed
+        right = design.T @ (weight * (level - member @ mean_level))
+        found = np.asarray(spsolve((normal + prior).tocsc(), right), np.float64)
+        rest = level - design @ found
+        rest -= member @ (np.asarray(member.T @ (weight * rest)) / count)
+        weight = 1 / (1 + (rest / _ROBUST) ** 2)
     return found

@@ -5,6 +5,7 @@ A file appears whole or not at all: it is written under a temporary name beside 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,12 @@ from trimesh.exchange.ply import export_ply
 
 from uw_recon_ros.errors import ReconError
 from uw_recon_ros.files.atomic import write_bytes
-from uw_recon_ros.types import ByteImage, PointCloud, Surface
+from uw_recon_ros.types import ByteImage, Matrix, PointCloud, Surface
 
 #: glTF's axes (y up, looking along -z) from an optical frame's (y down, looking along +z).
 GLTF_FROM_OPTICAL = np.diag([1.0, -1.0, -1.0, 1.0])
+#: glTF's axes from a world's (z up).
+GLTF_FROM_WORLD = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
 def write_ply(path: str | Path, shape: PointCloud | Surface) -> None:
@@ -60,7 +63,9 @@ def _surface_ply(surface: Surface) -> bytes:
     return ply
 
 
-def write_glb(path: str | Path, surface: Surface) -> None:
+def write_glb(
+    path: str | Path, surface: Surface, *, axes: Matrix = GLTF_FROM_OPTICAL, notes: Mapping[str, Any] | None = None
+) -> None:
     """Write a textured surface as binary glTF.
 
     The vertices stay in the surface's frame; the node that holds them turns y up and the view along -z, as glTF wants.
@@ -71,6 +76,10 @@ def write_glb(path: str | Path, surface: Surface) -> None:
         Overwritten.
     surface : Surface
         At least one triangle.
+    axes : (4, 4) float64
+        glTF's axes from the surface's.
+    notes : mapping, optional
+        For the scene's ``extras``.
 
     Raises
     ------
@@ -87,8 +96,8 @@ def write_glb(path: str | Path, surface: Surface) -> None:
     )
     mesh.visual = trimesh.visual.TextureVisuals(uv=surface.uv, material=material)
     scene = trimesh.Scene()
-    scene.add_geometry(mesh, node_name="surface", geom_name="surface", transform=GLTF_FROM_OPTICAL)
-    scene.metadata.update(unit="m" if surface.metric else "unknown", frame_id=surface.frame_id)
+    scene.add_geometry(mesh, node_name="surface", geom_name="surface", transform=axes)
+    scene.metadata.update({"unit": "m" if surface.metric else "unknown", "frame_id": surface.frame_id, **(notes or {})})
     glb: bytes = scene.export(file_type="glb", include_normals=True)
     write_bytes(path, glb)
 

@@ -1,1 +1,1 @@
-"""Many depth maps become one surface: a signed distance in blocks of voxels, and marching cubes on it."""
+"""Many depth maps, one surface: a truncated signed distance weighted by sigma, in blocks, tile by tile."""

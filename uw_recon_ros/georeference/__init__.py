@@ -1,1 +1,1 @@
-"""Rasters that know where they lie."""
+"""Where on Earth a model lies: coordinate systems, their origin, and maps that other programs can place."""

@@ -1,90 +1,114 @@
-"""GeoTIFF (OGC 19-008r4) by tifffile alone: place, cell size, coordinate system and nodata in tags."""
+"""Maps as GeoTIFF (OGC 19-008), by tifffile alone: tiled, deflated, written tile by tile in bounded memory."""
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterator
 from dataclasses import dataclass
-from io import BytesIO
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_recon_ros.errors import ReconError
+from uw_recon_ros.georeference.crs import Crs
 
-_ASCII, _SHORT, _DOUBLE = 2, 3, 12
-_PROJECTED, _USER_DEFINED, _PIXEL_IS_AREA, _METRE = 1, 32767, 1, 9001
-LOCAL = "local engineering, m"
+#: Side of the tiles, px.
+TIFF_TILE = 128
+_PIXEL_SCALE, _TIEPOINT, _KEYS, _ASCII_KEYS, _NODATA = 33550, 33922, 34735, 34737, 42113
+_BIG = 3 * 2**30  # bytes, from which offsets need 64 bits
+_METRE, _USER_DEFINED, _PROJECTED = 9001, 32767, 1
 
 
 @dataclass(frozen=True)
-class Place:
-    """Where a raster lies.
+class Placement:
+    """Where a map lies.
 
     Parameters
     ----------
     west, north : float
-        Outer edges of the first cell, world coordinates.
-    cell : float
-    epsg : int or None
-        Of the projected coordinate system; None: a local engineering one.
-    local : str
-        What the local one is called; any other name than `LOCAL` is not in metres.
+        Outer corner of the top-left pixel in the coordinate system, m, origin included.
+    pixel : float
+        Ground sample distance, m.
+    crs : Crs
     """
 
     west: float
     north: float
-    cell: float
-    epsg: int | None = None
-    local: str = LOCAL
+    pixel: float
+    crs: Crs
 
 
-def geo_keys(place: Place) -> tuple[tuple[int, ...], str]:
-    """The key directory (tag 34735), and the texts it points to (tag 34737)."""
-    texts = f"{place.local}|"
-    keys, unit = [(1025, 0, 1, _PIXEL_IS_AREA)], [(3076, 0, 1, _METRE)] if place.local == LOCAL else []
-    if place.epsg is None:
-        keys = [(1024, 0, 1, _USER_DEFINED), *keys, (1026, 34737, len(texts), 0), *unit]
+def geo_keys(crs: Crs) -> tuple[list[int], str]:
+    """Entries of the directory of keys (tag 34735), and the text they refer to (34737)."""
+    name = f"{crs.text}|"
+    raster = (1025, 0, 1, 1)  # a pixel is an area
+    if crs.epsg is None:
+        entries = [(1024, 0, 1, _USER_DEFINED), raster, (1026, 34737, len(name), 0)]
     else:
-        keys = [(1024, 0, 1, _PROJECTED), *keys, (3072, 0, 1, place.epsg), (3076, 0, 1, _METRE)]
-    return (1, 1, 1, len(keys), *(x for key in keys for x in key)), texts
+        entries = [(1024, 0, 1, _PROJECTED), raster, (1026, 34737, len(name), 0), (3072, 0, 1, crs.epsg)]
+    entries += [(3076, 0, 1, _METRE)] if crs.metric else []
+    return [1, 1, 0, len(entries), *(number for entry in entries for number in entry)], name
 
 
-def geotiff(cells: NDArray[Any], place: Place, nodata: str | None = None) -> bytes:
-    """A raster as the bytes of a GeoTIFF, the same each time.
+def tags_of(place: Placement, nodata: float | None) -> list[tuple[int, Any, int, Any, bool]]:
+    """The tags that make a TIFF a GeoTIFF, as tifffile takes them."""
+    keys, text = geo_keys(place.crs)
+    tags: list[tuple[int, Any, int, Any, bool]] = [
+        (_PIXEL_SCALE, "d", 3, (place.pixel, place.pixel, 0.0), True),
+        (_TIEPOINT, "d", 6, (0.0, 0.0, 0.0, place.west, place.north, 0.0), True),
+        (_KEYS, "H", len(keys), tuple(keys), True),
+        (_ASCII_KEYS, "s", 0, text, True),
+    ]
+    return tags if nodata is None else [*tags, (_NODATA, "s", 0, f"{nodata:g}", True)]
+
+
+def write_geotiff(
+    path: str | Path, raster: NDArray[Any], place: Placement, *, nodata: float | None = None, alpha: bool = False,
+    description: str = "",
+) -> None:  # fmt: skip
+    """Write a map, whole or not at all.
 
     Parameters
     ----------
-    cells : (H, W) float32, or (H, W, 4) uint8
-        Row 0 in the north; RGB and alpha (0 = nothing there).
-    place : Place
-    nodata : str or None
-        What stands where there is nothing, e.g. ``nan``.
-
-    Raises
-    ------
-    ReconError
-        tifffile is not installed.
+    path : path
+    raster : (H, W) or (H, W, C) uint8 or float32
+        North up; may be mapped from a file, it is read tile by tile.
+    place : Placement
+    nodata : float, optional
+        The value (NaN for floats) that means: nothing is known.
+    alpha : bool
+        Whether the last channel is one.
+    description : str
+        For people.
     """
+    import tifffile  # loaded where it is needed: commands that write no map need not wait for it
+
+    path = Path(path)
+    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+    colour = raster.ndim == 3
     try:
-        import tifffile
-    except ImportError as error:
-        raise ReconError("GeoTIFF: expected tifffile to be installed: pip install tifffile") from error
-    directory, texts = geo_keys(place)
-    tags: list[tuple[int, int, int, Any, bool]] = [
-        (33550, _DOUBLE, 3, (place.cell, place.cell, 0.0), True),
-        (33922, _DOUBLE, 6, (0.0, 0.0, 0.0, place.west, place.north, 0.0), True),
-        (34735, _SHORT, len(directory), directory, True),
-    ]
-    if place.epsg is None:
-        tags.append((34737, _ASCII, len(texts) + 1, texts, True))
-    if nodata is not None:
-        tags.append((42113, _ASCII, len(nodata) + 1, nodata, True))
-    stream = BytesIO()
-    color: dict[str, Any] = {"photometric": "minisblack"}
-    if cells.ndim == 3:
-        color = {"photometric": "rgb", "extrasamples": ["unassalpha"]}
-    tifffile.imwrite(
-        stream, np.ascontiguousarray(cells), compression="zlib", tile=(256, 256), metadata=None,
-        software="uw_recon_ros", extratags=tags, **color,
-    )  # fmt: skip
-    return stream.getvalue()
+        with tifffile.TiffWriter(partial, bigtiff=raster.nbytes > _BIG) as writer:
+            writer.write(
+                _tiles(raster), shape=raster.shape, dtype=raster.dtype, tile=(TIFF_TILE, TIFF_TILE),
+                photometric="rgb" if colour else "minisblack", planarconfig="contig" if colour else None,
+                extrasamples=["unassalpha"] if alpha else None, compression="zlib", compressionargs={"level": 6},
+                software=False, metadata=None, datetime=False, description=description or None,
+                extratags=tags_of(place, nodata),
+            )  # fmt: skip
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _tiles(raster: NDArray[Any]) -> Iterator[NDArray[Any]]:
+    """Row by row, those on the rim filled up with their own edge."""
+    rows, columns = raster.shape[:2]
+    for v in range(0, rows, TIFF_TILE):
+        for u in range(0, columns, TIFF_TILE):
+            yield _filled_up(np.ascontiguousarray(raster[v : v + TIFF_TILE, u : u + TIFF_TILE]))
+
+
+def _filled_up(tile: NDArray[Any]) -> NDArray[Any]:
+    missing = [(0, TIFF_TILE - tile.shape[0]), (0, TIFF_TILE - tile.shape[1]), (0, 0)][: tile.ndim]
+    return np.pad(tile, missing, mode="edge")

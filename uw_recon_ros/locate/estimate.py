@@ -142,7 +142,7 @@ def _loops(walk: Walk, chosen: LocateParams, tracking: TrackParams) -> tuple[lis
                 loops.append(link)
         if not loops:
             break
-        poses = _solved(poses, [*walk.links, *loops], parts, no_anchors())[0].poses
+        poses = solve_graph(poses, _edges([*walk.links, *loops]), _held(parts, no_anchors()), final=False).poses
     return loops, tried
 
 
@@ -174,11 +174,16 @@ def _edges(links: list[Link]) -> Edges:
     )  # fmt: skip
 
 
+def _held(parts: NDArray[np.int64], anchors: Anchors) -> NDArray[np.int64]:
+    """The first frame of each part that no anchor ties."""
+    first = np.unique(parts, return_index=True)[1]
+    return first[~np.isin(parts[first], parts[anchors.index])].astype(np.int64)
+
+
 def _solved(start: Matrix, links: list[Link], parts: NDArray[np.int64], anchors: Anchors) -> tuple[Solved, list[Link]]:
     """The graph robustly, then without the loops that do not fit the others."""
-    held = np.unique(parts, return_index=True)[1].astype(np.int64)
-    held = np.array([k for k in held if not np.isin(parts[anchors.index], parts[k]).any()], np.int64)
-    robust = solve_graph(start, _edges(links), held, anchors)
+    held = _held(parts, anchors)
+    robust = solve_graph(start, _edges(links), held, anchors, final=False)
     kept = [
         link for link, square in zip(links, robust.squares, strict=True) if link.kind != "loop" or square < _LOOP_CHI2
     ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -10,26 +10,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_recon_ros.drape.from_above import Mosaic, elevation, grid_over
-from uw_recon_ros.drape.gains import gains_of
 from uw_recon_ros.errors import ModelError
-from uw_recon_ros.files.atomic import write_bytes, write_json
+from uw_recon_ros.files.atomic import write_json
 from uw_recon_ros.findings import Code, Finding, Severity, worst
-from uw_recon_ros.fuse.blocks import touched_blocks
-from uw_recon_ros.fuse.extract import FusedMesh
-from uw_recon_ros.fuse.tiles import Fusion, fuse
-from uw_recon_ros.georeference.geotiff import LOCAL, Place, geotiff
+from uw_recon_ros.fuse.frame import PosedFrame
+from uw_recon_ros.georeference.crs import WITHOUT_SCALE, Crs
 from uw_recon_ros.locate.estimate import Located, estimate_trajectory
 from uw_recon_ros.locate.priors import Priors, priors_from_trajectory
-from uw_recon_ros.model.files import glb, ply
+from uw_recon_ros.model.compose import Composed, compose
+from uw_recon_ros.model.page import Part, write_model_page
 from uw_recon_ros.model.params import DiveModelParams
-from uw_recon_ros.model.shelf import Scales, Shelf
+from uw_recon_ros.model.shelf import Shelf
+from uw_recon_ros.model.work import Task, World
 from uw_recon_ros.survey.plan import versions
+from uw_recon_ros.survey.report import MODEL, PAGE, show_model
 from uw_recon_ros.system_errors import explain
 from uw_recon_ros.trajectory import PoseStatus, Trajectory, read_tum, write_trajectory_csv, write_tum
 from uw_recon_ros.types import Matrix
 
-MODEL = "model"
 SUMMARY = "model.json"
 _LARGE_M = 10_000.0  # positions beyond are moved by an origin, in whole kilometres, before they are float32
 Tell = Callable[[str], None]
@@ -117,121 +115,93 @@ def _written(
     turn = shelf.read(0).geometry.rect_from_raw_left
     way = located.trajectory.turned(turn)
     write_trajectory_csv(place / "trajectory.csv", way)
-    how, cell_m = fusion_of(shelf.scales, request.params)
-    models = []
+    parts_made: list[Part] = []
+    findings: list[Finding] = []
     for rank, part in enumerate(parts):
         number = int(way.segment[part[0]])
         folder = place if rank == 0 else place / f"segment_{number}"
         folder.mkdir(exist_ok=True)
         write_tum(folder / "trajectory.txt", way.picked(way.segment == number))
         tell(f"segment {number}: fusing {len(part)} frames")
-        model = _segment(folder, shelf, located, part, how, cell_m, request.params)
-        models.append({"segment": number, "folder": folder.relative_to(place).as_posix(), **model})
-    made = _summary(shelf, located, models, how, request)
+        composed = _segment(folder, shelf, located, part, request.params, tell)
+        findings += () if composed is None else composed.findings
+        name = {"segment": number, "folder": folder.relative_to(place).as_posix()}
+        parts_made.append(Part(name | _entry(composed, len(part)), composed))
+    models = [part.entry for part in parts_made]
+    made = _summary(shelf, located, models, tuple(dict.fromkeys(findings)), request)
+    write_model_page(place / PAGE, way, parts_made, made)
+    show_model(request.survey)
     write_json(place / SUMMARY, made, durable=False)
     return made
 
 
-def round_up(length: float) -> float:
-    """The next 1, 2 or 5 times a power of ten."""
-    power = 10.0 ** np.floor(np.log10(length))
-    return float(next(round(step * power, 12) for step in (1, 2, 5, 10) if step * power >= length * (1 - 1e-9)))
+def _entry(composed: Composed | None, frames: int) -> dict[str, Any]:
+    if composed is None:
+        return {"frames": frames, "vertices": 0, "triangles": 0}
+    return {**composed.statistics, "files": list(composed.files)}
 
 
-def fusion_of(scales: Scales, params: DiveModelParams) -> tuple[Fusion, float]:
-    """Sizes that were chosen, or follow from the dive; and the cells' side, m.
+class _Posed(Sequence[PosedFrame]):
+    """The frames of one segment where they were taken, read when asked for."""
 
-    Raises
-    ------
-    ModelError
-        No frame has a depth.
-    """
-    if not (np.isfinite(scales.pixel_m) and np.isfinite(scales.sigma_m)):
-        raise ModelError("frames: expected depths in them, got none", Code.MODEL_NOTHING)
-    voxel = params.voxel_m or round_up(1.5 * scales.pixel_m)
-    max_sigma = params.max_sigma_m or float(f"{3 * scales.sigma_m:.3g}")
-    truncation = params.truncation_m or float(f"{max(4 * voxel, 3 * scales.sigma_m):.3g}")
-    how = Fusion(voxel, truncation, max_sigma, params.tile_m, params.min_views, params.island_faces)
-    return how, params.cell_m or round_up(scales.pixel_m)
+    def __init__(self, shelf: Shelf, located: Located, part: NDArray[np.intp]) -> None:
+        self.shelf, self.located, self.part = shelf, located, part
+
+    def __len__(self) -> int:
+        return len(self.part)
+
+    def __getitem__(self, index: Any) -> Any:
+        k = int(self.part[index])
+        return self.shelf.posed(k, self.located.trajectory.poses[k], self.located.applied)
 
 
 def _segment(
-    folder: Path, shelf: Shelf, located: Located, part: NDArray[np.intp], how: Fusion, cell_m: float,
-    params: DiveModelParams,
-) -> dict[str, Any]:  # fmt: skip
-    """Fuse one segment and write its files; what is to be said of it."""
-    way = located.trajectory
-
-    def view_of(k: int) -> Any:
-        return shelf.view(int(part[k]), way.poses[part[k]], located.applied)
-
-    touched = [touched_blocks(view_of(k), how.voxel_m, how.truncation_m, how.max_sigma_m) for k in range(len(part))]
-    mesh = fuse(view_of, touched, how)
-    if mesh is None:
-        return {"frames": len(part), "vertices": 0, "triangles": 0}
-    unit = "m" if way.metric else "baselines"
-    write_bytes(folder / "mesh.ply", ply(mesh, way.origin, unit, faces=True))
-    write_bytes(folder / "mesh.glb", glb(mesh, way.origin, unit))
-    write_bytes(folder / "cloud.ply", ply(mesh, way.origin, unit, faces=False))
-    maps = _maps(folder, view_of, len(part), mesh, way, how, cell_m, params)
-    return {
-        "frames": len(part), "vertices": len(mesh.vertices), "triangles": len(mesh.faces),
-        "sigma_median": float(np.median(mesh.sigma)), "views_median": float(np.median(mesh.views)), **maps,
-    }  # fmt: skip
+    folder: Path, shelf: Shelf, located: Located, part: NDArray[np.intp], params: DiveModelParams, tell: Tell
+) -> Composed | None:
+    """Fuse one segment and write its files; None where it has no surface."""
+    task = Task(_Posed(shelf, located, part), folder, params, _world(located.trajectory, params), _steps(tell))
+    try:
+        return compose(task)
+    except ModelError as error:
+        if error.code is not Code.MODEL_NOTHING:
+            raise
+        return None
 
 
-def _maps(
-    folder: Path, view_of: Callable[[int], Any], count: int, mesh: FusedMesh, way: Trajectory, how: Fusion,
-    cell_m: float, params: DiveModelParams,
-) -> dict[str, Any]:  # fmt: skip
-    grid = grid_over(mesh.vertices, cell_m, params.most_cells)
-    heights = elevation(mesh.vertices, mesh.faces, grid)
-    mosaic = Mosaic(grid, heights)
-    tolerance = how.voxel_m + 3 * how.max_sigma_m
-    gains = gains_of(view_of, count, mesh.vertices, tolerance)
-    for k in range(count):
-        view = view_of(k)
-        color = np.rint(view.color / gains[k]).clip(0, 255).astype(np.uint8)
-        mosaic.add(k, color, view.depth, view.pose, view.intrinsics, tolerance)
-    local = LOCAL if way.metric else "local, in baselines of the rig"
-    west, north = grid.west + float(way.origin[0]), grid.north + float(way.origin[1])
-    place = Place(west, north, grid.cell_m, params.epsg or None, local)
-    there = mosaic.best >= 0
-    alpha = (255 * there).astype(np.uint8)[..., None]
-    write_bytes(folder / "elevation.tif", geotiff(heights + np.float32(way.origin[2]), place, "nan"))
-    write_bytes(folder / "orthomosaic.tif", geotiff(np.concatenate([mosaic.colors, alpha], axis=2), place))
-    known = np.isfinite(heights)
-    return {
-        "cell": grid.cell_m, "cells": [grid.rows, grid.columns], "west": west, "north": north,
-        "gains": [float(gains.min()), float(gains.max())],
-        "area": float(known.sum() * grid.cell_m**2), "coloured_share": float(there.sum() / max(known.sum(), 1)),
-        "completeness": float(known.sum() / max(int(_within(known).sum()), 1)),
-    }  # fmt: skip
+def _world(way: Trajectory, params: DiveModelParams) -> World:
+    if not way.metric:
+        return World(way.origin, WITHOUT_SCALE, metric=False)
+    return World(way.origin, Crs(params.epsg or None))
 
 
-def _within(known: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Cells between the first and the last known one of their row and of their column: what lies within the outline."""
-    rows = np.maximum.accumulate(known, axis=1) & np.maximum.accumulate(known[:, ::-1], axis=1)[:, ::-1]
-    columns = np.maximum.accumulate(known, axis=0) & np.maximum.accumulate(known[::-1], axis=0)[::-1]
-    return np.asarray(rows & columns, np.bool_)
+def _steps(tell: Tell) -> Callable[[str, int, int], None]:
+    """Tell each step once."""
+    told: set[str] = set()
+
+    def note(step: str, done: int, total: int) -> None:
+        if step not in told:
+            told.add(step)
+            tell(f"{total} {step}")
+
+    return note
 
 
 def _summary(
-    shelf: Shelf, located: Located, models: list[dict[str, Any]], how: Fusion, request: Request
+    shelf: Shelf, located: Located, models: list[dict[str, Any]], more: tuple[Finding, ...], request: Request
 ) -> dict[str, Any]:
     way, geometry = located.trajectory, shelf.read(0).geometry
-    findings = [*located.findings, *_findings(shelf, located, models)]
+    findings = [*located.findings, *_findings(shelf, located, models), *more]
     counts = {str(s): int((way.status == int(s)).sum()) for s in PoseStatus}
     rig = located.rig
     return {
         "scale": "metric" if way.metric else "unknown: lengths are in baselines of the rig",
         "origin": [float(x) for x in way.origin],
-        "crs": f"EPSG:{request.params.epsg}" if request.params.epsg else LOCAL if way.metric else "local, baselines",
+        "crs": _world(way, request.params).crs.text,
         "poses": "world <- left optical frame of the camera; world z up",
         "frames": {"kept": len(shelf.paths), "dropped": shelf.dropped, **counts},
         "trajectory": located.statistics,
         "rig": None if rig is None else {"found": asdict(rig.error), "applied": asdict(located.applied)},
-        "fusion": asdict(how),
+        "params": {spec.name: getattr(request.params, spec.name) for spec in request.params.specs()},
         "camera": {
             "intrinsics": geometry.intrinsics_left.tolist(), "rect_from_raw_left": geometry.rect_from_raw_left,
             "width": shelf.read(0).left.shape[1], "height": shelf.read(0).left.shape[0],

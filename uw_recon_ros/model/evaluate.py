@@ -10,18 +10,17 @@ from typing import Any
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from uw_recon_ros.errors import ModelError
+from uw_recon_ros.evaluate_surface import TriangleSearch
 from uw_recon_ros.evaluate_trajectory import best_fit, trajectory_errors
-from uw_recon_ros.model.build import MODEL, SUMMARY
+from uw_recon_ros.model.build import SUMMARY
 from uw_recon_ros.rigid import inverse
+from uw_recon_ros.survey.report import MODEL
 from uw_recon_ros.trajectory import Trajectory, read_trajectory_csv, read_tum
-from uw_recon_ros.types import FloatImage, Matrix
+from uw_recon_ros.types import Matrix
 
 COMPLETE_M = 0.01
-_NEAREST = 3  # vertices whose triangles are looked at
-_CHUNK = 20_000
 _MARGIN = 0.02  # share of an image's rim whose bottom need not be modelled
 
 
@@ -131,25 +130,10 @@ def _seen(points: Matrix, camera: Mapping[str, Any], true: Trajectory) -> NDArra
     return np.asarray(count >= 2, np.bool_)
 
 
-def distances(points: Matrix, mesh: trimesh.Trimesh) -> tuple[FloatImage | Matrix, Matrix]:
-    """(N,) distance of points (N, 3) to a mesh, and (N, 3) the nearest places on it.
-
-    Exact among the triangles around the three nearest vertices: in a mesh of long thin triangles it may be too large.
-    """
-    tree, incident = cKDTree(mesh.vertices), np.asarray(mesh.vertex_faces)
-    away, nearest = np.full(len(points), np.inf), np.zeros((len(points), 3))
-    triangles = np.asarray(mesh.triangles)
-    for start in range(0, len(points), _CHUNK):
-        part = np.asarray(points[start : start + _CHUNK], np.float64)
-        near = np.atleast_2d(tree.query(part, k=min(_NEAREST, len(mesh.vertices)))[1]).reshape(len(part), -1)
-        faces = incident[near].reshape(len(part), -1)
-        row, column = np.nonzero(faces >= 0)
-        places = trimesh.triangles.closest_point(triangles[faces[row, column]], part[row])
-        apart = np.linalg.norm(places - part[row], axis=1)
-        order = np.lexsort((apart, row))
-        first = order[np.r_[True, np.diff(row[order]) > 0]] if len(order) else order
-        away[start + row[first]], nearest[start + row[first]] = apart[first], places[first]
-    return away, nearest
+def distances(points: Matrix, mesh: trimesh.Trimesh) -> tuple[Matrix, Matrix]:
+    """(N,) distance of points (N, 3) to a mesh, and (N, 3) the nearest places on it."""
+    nearest, _ = TriangleSearch(np.asarray(mesh.triangles, np.float64)).nearest(np.asarray(points, np.float64))
+    return np.linalg.norm(nearest - points, axis=1), nearest
 
 
 def as_table(found: Mapping[str, Any]) -> str:

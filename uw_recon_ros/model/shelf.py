@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
@@ -11,27 +10,11 @@ import numpy as np
 
 from uw_recon_ros.errors import ModelError
 from uw_recon_ros.findings import Code
-from uw_recon_ros.fuse.blocks import View
-from uw_recon_ros.survey.kept_frame import KEPT, read_kept
+from uw_recon_ros.fuse.frame import PosedFrame
+from uw_recon_ros.survey.kept_frame import KEPT, is_metric, read_kept
 from uw_recon_ros.track.keypoints import RigError, constants
 from uw_recon_ros.trajectory import DisparityFrame
 from uw_recon_ros.types import Matrix
-
-
-@dataclass(frozen=True)
-class Scales:
-    """What sizes follow from: medians over the dive.
-
-    Parameters
-    ----------
-    pixel_m : float
-        Of a pixel on the bottom.
-    sigma_m : float
-        Of a depth.
-    """
-
-    pixel_m: float
-    sigma_m: float
 
 
 class Shelf:
@@ -61,12 +44,11 @@ class Shelf:
         if len(self.paths) < 2:
             raise ModelError(f"{root}: expected at least two frames, got one", Code.MODEL_NO_OVERLAP)
         self.dropped = 0
-        self.scales = Scales(float("nan"), float("nan"))
         self.read = lru_cache(maxsize=8)(lambda k: read_kept(self.paths[k]))
 
     def walk(self) -> Iterator[DisparityFrame]:
-        """Each frame once, measured on the way; those of another scale or out of order are dropped."""
-        kept, pixels, sigmas, last, metric = [], [], [], -1, self._metric()
+        """Each frame once; those of another scale or out of order are dropped."""
+        kept, last, metric = [], -1, any(is_metric(path) for path in self.paths)
         for path in self.paths:
             frame = read_kept(path)
             if frame.geometry.metric != metric or frame.stamp_ns <= last:
@@ -74,18 +56,11 @@ class Shelf:
                 continue
             kept.append(path)
             last = frame.stamp_ns
-            pixel, sigma = _scales(frame)
-            pixels.append(pixel)
-            sigmas.append(sigma)
             yield frame
         self.paths = kept
         self.read.cache_clear()  # numbers mean other frames now
-        self.scales = Scales(_median(pixels), _median(sigmas))
 
-    def _metric(self) -> bool:
-        return any(read_kept(path).geometry.metric for path in self.paths)
-
-    def view(self, k: int, pose: Matrix, error: RigError) -> View:
+    def posed(self, k: int, pose: Matrix, error: RigError) -> PosedFrame:
         """A frame as it is fused, the rig's error corrected."""
         frame: DisparityFrame = self.read(k)
         fx, fy, cx, cy, fb, offset = constants(frame.geometry, error)
@@ -93,16 +68,5 @@ class Shelf:
             depth = fb / (frame.disparity.astype(np.float64) + offset)
             depth = np.where((depth > 0) & np.isfinite(depth), depth, np.nan)
             sigma = depth**2 / abs(fb) * frame.sigma
-        return View(depth.astype(np.float32), sigma.astype(np.float32), frame.left, pose, np.array([fx, fy, cx, cy]))
-
-
-def _scales(frame: DisparityFrame) -> tuple[float, float]:
-    depth = frame.geometry.depth_from_disparity(frame.disparity[::4, ::4])
-    sigma = frame.geometry.depth_sigma(depth, frame.sigma[::4, ::4])
-    return _median(depth) / frame.geometry.focal_px, _median(sigma)
-
-
-def _median(values: object) -> float:
-    array = np.asarray(values, np.float64)
-    known = array[np.isfinite(array)]
-    return float(np.median(known)) if known.size else float("nan")
+        lens = np.array([fx, fy, cx, cy])
+        return PosedFrame(frame.stamp_ns, frame.left, depth.astype(np.float32), sigma.astype(np.float32), lens, pose)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from uw_recon_ros.report.colors import ColorBar
-from uw_recon_ros.types import ByteImage, Surface
+from uw_recon_ros.types import ByteImage, Matrix, Surface
 
 Reason = tuple[tuple[int, int, int], str, float]
 
@@ -49,8 +49,107 @@ class Figure:
 
 
 @dataclass(frozen=True, eq=False)
+class Layer:
+    """A number at every vertex of a surface, shown as a colour.
+
+    Parameters
+    ----------
+    name : str
+        Of the button.
+    values : (N,) float
+    bar : ColorBar
+    """
+
+    name: str
+    values: Matrix
+    bar: ColorBar
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """A line in the 3-D view.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        In the surface's frame.
+    color : (int, int, int)
+        RGB.
+    words : str
+        What it means.
+    """
+
+    points: Matrix
+    color: tuple[int, int, int]
+    words: str
+
+
+@dataclass(frozen=True, eq=False)
+class Overlay:
+    """What the 3-D view shows beside the surface.
+
+    Parameters
+    ----------
+    layers : sequence of Layer
+    tracks : sequence of Track
+    upright : bool
+        Whether the surface's third axis points up, as a world's; else forward, as a camera's.
+    """
+
+    layers: Sequence[Layer] = ()
+    tracks: Sequence[Track] = ()
+    upright: bool = False
+
+    @property
+    def kinds(self) -> list[tuple[tuple[int, int, int], str]]:
+        """Colours of the tracks and what they mean, each once."""
+        return list(dict.fromkeys((track.color, track.words) for track in self.tracks))
+
+
+@dataclass(frozen=True, eq=False)
+class MapLayer:
+    """A picture of the map.
+
+    Parameters
+    ----------
+    name : str
+        Of the button.
+    image : (H, W, 4) uint8
+        RGB and opacity, north up; all layers of a map have one size.
+    bar : ColorBar or None
+        Its legend.
+    """
+
+    name: str
+    image: ByteImage
+    bar: ColorBar | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Map:
+    """Pictures from above that lengths can be measured on.
+
+    Parameters
+    ----------
+    layers : sequence of MapLayer
+        At least one.
+    pixel : float
+        Side of a pixel, in `unit`.
+    west, north : float
+        Outer corner of the top-left pixel, in `unit`.
+    unit : str
+    """
+
+    layers: Sequence[MapLayer]
+    pixel: float
+    west: float
+    north: float
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
 class Section:
-    """A heading with text, a 3-D view, figures and a table.
+    """A heading with text, a 3-D view, a map, figures and a table.
 
     Parameters
     ----------
@@ -62,6 +161,9 @@ class Section:
         Of the table; empty: none.
     surface : Surface or None
         Shown in an interactive view; None or without triangles: no view.
+    overlay : Overlay
+        What the view shows beside it.
+    map : Map or None
     """
 
     title: str = ""
@@ -70,6 +172,8 @@ class Section:
     rows: Sequence[Sequence[str]] = ()
     header: Sequence[str] = ()
     surface: Surface | None = None
+    overlay: Overlay = Overlay()
+    map: Map | None = None
 
     @property
     def has_view(self) -> bool:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros.report.colors import color_table
+from uw_recon_ros.report.content import Layer, Map, Overlay
 from uw_recon_ros.types import ByteImage, Surface
 
 _JPEG_QUALITY = 88
@@ -35,6 +36,15 @@ def picture_uri(image: ByteImage, *, max_side: int, lossless: bool = False) -> s
     return f"data:image/{kind};base64,{base64.b64encode(data.tobytes()).decode()}"
 
 
+def cutout_uri(image: ByteImage) -> str:
+    """``data:`` URI of a picture (H, W, 4) uint8 with opacity, as WebP."""
+    options = [cv2.IMWRITE_WEBP_QUALITY, _JPEG_QUALITY]
+    done, data = cv2.imencode(".webp", np.ascontiguousarray(image[..., [2, 1, 0, 3]]), options)
+    if not done:
+        raise ValueError(f"image: expected a picture that can be written as webp, got {image.shape}")
+    return f"data:image/webp;base64,{base64.b64encode(data.tobytes()).decode()}"
+
+
 def _shrink(image: ByteImage, max_side: int, lossless: bool) -> ByteImage:
     """Colour maps are sampled, not averaged: a mean of two colours means nothing."""
     scale = max_side / max(image.shape[:2])
@@ -46,12 +56,13 @@ def _shrink(image: ByteImage, max_side: int, lossless: bool) -> ByteImage:
     return shrunk
 
 
-def mesh_json(surface: Surface) -> str:
-    """A surface as JSON for ``viewer.js``, safe inside a ``<script>`` element.
+def mesh_json(surface: Surface, overlay: Overlay | None = None) -> str:
+    """A surface, and what is shown beside it, as JSON for ``viewer.js``, safe inside a ``<script>`` element.
 
     Positions and texture coordinates are whole numbers of 16 bits over their range (an error under 1/100 000 of the
     surface's extent), normals of 8 bits, all little-endian in base64.
     """
+    overlay = overlay or Overlay()
     low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
     extent = np.maximum(high - low, 1e-9).astype(np.float64)
     positions = np.rint((surface.vertices - low) / extent * 65535).astype("<u2")
@@ -67,8 +78,26 @@ def mesh_json(surface: Surface) -> str:
         "index": _base64(surface.faces.astype(index)),
         "colors": _base64(color_table("plasma_r")),
         "texture": picture_uri(surface.texture, max_side=_TEXTURE_SIDE),
+        "turn": [1, 1, 1] if overlay.upright else [1, -1, -1],
+        "layers": [_layer(layer) for layer in overlay.layers],
+        "tracks": [{"color": track.color, "points": _base64(track.points.astype("<f4"))} for track in overlay.tracks],
     }
     return script_safe(json.dumps(document))
+
+
+def _layer(layer: Layer) -> dict[str, str]:
+    shade = (layer.values - layer.bar.low) / max(layer.bar.high - layer.bar.low, 1e-12)
+    values = np.rint(255 * np.nan_to_num(shade).clip(0, 1)).astype(np.uint8)
+    return {"values": _base64(values), "colors": _base64(color_table(layer.bar.colormap))}
+
+
+def map_json(shown: Map) -> str:
+    """A map as JSON for ``map.js``, safe inside a ``<script>`` element."""
+    rows, columns = shown.layers[0].image.shape[:2]
+    return script_safe(json.dumps({
+        "layers": [cutout_uri(layer.image) for layer in shown.layers], "width": columns, "height": rows,
+        "pixel": shown.pixel, "west": shown.west, "north": shown.north, "unit": shown.unit,
+    }))  # fmt: skip
 
 
 def script_safe(text: str) -> str:

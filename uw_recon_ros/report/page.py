@@ -7,7 +7,7 @@ from pathlib import Path
 
 from uw_recon_ros.files.atomic import write_bytes
 from uw_recon_ros.report.content import Figure, Section, Summary
-from uw_recon_ros.report.shell import PAGE_SCRIPTS, VIEW_SCRIPTS, render
+from uw_recon_ros.report.shell import MAP_SCRIPTS, PAGE_SCRIPTS, VIEW_SCRIPTS, render
 from uw_recon_ros.types import Surface
 
 __all__ = ["Figure", "Section", "Summary", "render_page", "write_page"]
@@ -45,5 +45,6 @@ def render_page(title: str, summary: Summary, sections: Sequence[Section], surfa
     opening = Section(surface=surface)
     everything = [opening, *sections] if opening.has_view else list(sections)
     with_view = any(section.has_view for section in everything)
-    scripts = PAGE_SCRIPTS + (VIEW_SCRIPTS if with_view else ())
+    with_map = any(section.map is not None for section in everything)
+    scripts = PAGE_SCRIPTS + (VIEW_SCRIPTS if with_view else ()) + (MAP_SCRIPTS if with_map else ())
     return render("report/page.html", title=title, summary=summary, sections=everything, scripts=scripts)

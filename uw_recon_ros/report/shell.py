@@ -17,7 +17,7 @@ from jinja2 import Environment, FunctionLoader, StrictUndefined
 from markupsafe import Markup
 
 from uw_recon_ros.report.colors import color_table
-from uw_recon_ros.report.embed import mesh_json, picture_uri, script_safe
+from uw_recon_ros.report.embed import map_json, mesh_json, picture_uri, script_safe
 
 #: Of every page; names of files are those inside the package.
 PAGE_STYLES = ("report/page.css",)
@@ -25,6 +25,7 @@ PAGE_SCRIPTS = ("report/page.js",)
 VIEW_SCRIPTS = tuple(
     f"report/{name}.js" for name in ("viewer_mesh", "viewer_camera", "viewer_painter", "viewer_notes", "viewer")
 )
+MAP_SCRIPTS = ("report/map.js",)
 
 
 @cache
@@ -39,8 +40,9 @@ def _environment() -> Environment:
         loader=FunctionLoader(asset), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     made.globals.update(
-        picture_uri=picture_uri, color_table=color_table, mesh_json=lambda surface: Markup(mesh_json(surface))
-    )
+        picture_uri=picture_uri, color_table=color_table, mesh_json=lambda *shown: Markup(mesh_json(*shown)),
+        map_json=lambda shown: Markup(map_json(shown)),
+    )  # fmt: skip
     made.filters["script_json"] = lambda text: Markup(script_safe(text))
     return made
 

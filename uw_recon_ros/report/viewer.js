@@ -2,7 +2,7 @@
 // A textured mesh to turn, measure and look at closely. Nothing is loaded from elsewhere.
 (() => {
   const { decode, meet } = globalThis.uwMesh;
-  const KEYS = { r: "reset", w: "wire", m: "measure", f: "fullscreen", 1: "mode-0", 2: "mode-1", 3: "mode-2", 4: "mode-3" };
+  const KEYS = { r: "reset", w: "wire", m: "measure", f: "fullscreen", 1: "mode-0", 2: "mode-1", 3: "mode-2", 4: "mode-3", 5: "mode-4", 6: "mode-5", t: "track" };
   const TURNS = { ArrowLeft: [-20, 0], ArrowRight: [20, 0], ArrowUp: [0, -20], ArrowDown: [0, 20] };
 
   class Viewer {
@@ -13,13 +13,15 @@
       this.overlay = root.querySelector("canvas.overlay");
       this.readout = root.querySelector(".readout");
       this.mesh = decode(data);
-      this.camera = new globalThis.uwCamera(this.mesh);
-      this.notes = new globalThis.uwNotes(this.overlay, this.unit);
+      this.camera = new globalThis.uwCamera(this.mesh, data.tracks.length ? 1.18 : 1.02); // tracks go beyond the surface
+      this.turn = data.turn;
+      this.tracks = data.tracks.map(track => globalThis.uwMesh.line(track, data.turn));
+      this.notes = new globalThis.uwNotes(this.overlay, this.unit, data.turn);
       this.painter = new globalThis.uwPainter(this.canvas, this.mesh, data, () => {
         root.dataset.ready = "yes";
         this.draw();
       });
-      Object.assign(this, { mode: 0, wire: false, measuring: false, marks: [], pointers: new Map() });
+      Object.assign(this, { mode: 0, wire: false, measuring: false, tracking: true, marks: [], pointers: new Map() });
       this.listen();
       this.resize();
       this.camera.home();
@@ -48,7 +50,7 @@
 
     render() {
       this.painter.paint(this.camera.matrices(), this.mode, this.wire);
-      this.notes.draw(this.camera, this.marks, this.ratio);
+      this.notes.draw(this.camera, this.marks, this.ratio, this.tracking ? this.tracks : []);
     }
 
     // The point of the surface under the pointer, or null.
@@ -136,8 +138,8 @@
       this.looking = true;
       requestAnimationFrame(() => {
         this.looking = false;
-        const hit = this.pick(event), show = value => value.toFixed(3).replace("-", "\u2212");
-        this.readout.textContent = hit ? `x ${show(hit[0])}  y ${show(-hit[1])}  z ${show(-hit[2])} ${this.unit}` : "";
+        const hit = this.pick(event)?.map((value, k) => (this.turn[k] * value).toFixed(3).replace("-", "\u2212"));
+        this.readout.textContent = hit ? `x ${hit[0]}  y ${hit[1]}  z ${hit[2]} ${this.unit}` : "";
       });
     }
 
@@ -155,15 +157,17 @@
     act(name) {
       if (name.startsWith("mode-")) this.mode = Number(name.slice(5));
       if (name === "wire") this.wire = !this.wire;
+      if (name === "track") this.tracking = !this.tracking;
       if (name === "measure") Object.assign(this, { measuring: !this.measuring, marks: [] });
       if (name === "reset") { this.marks = []; this.camera.home(); }
       if (name === "fullscreen") {
         if (document.fullscreenElement) document.exitFullscreen(); else this.root.requestFullscreen?.();
       }
-      const on = { wire: this.wire, measure: this.measuring, [`mode-${this.mode}`]: true };
+      const on = { wire: this.wire, measure: this.measuring, track: this.tracking, [`mode-${this.mode}`]: true };
       this.root.querySelectorAll("[aria-pressed]").forEach(button => {
         button.setAttribute("aria-pressed", String(Boolean(on[button.dataset.act])));
       });
+      this.root.querySelectorAll(".legend").forEach(legend => { legend.hidden = Number(legend.dataset.mode) !== this.mode; });
       this.root.classList.toggle("measuring", this.measuring);
       this.draw();
     }

@@ -6,8 +6,9 @@ globalThis.uwCamera = (() => {
   const START = { yaw: 0.13, pitch: 0.05 };
 
   class Camera {
-    constructor(mesh) {
-      this.mesh = mesh;
+    // `room` is how much farther than needed to stand off, 1.02 = hardly.
+    constructor(mesh, room) {
+      Object.assign(this, { mesh, room });
       this.width = this.height = 1;
     }
 
@@ -26,7 +27,7 @@ globalThis.uwCamera = (() => {
         const from = subtract([p[i], p[i + 1], p[i + 2]], this.target);
         return dot(from, back) + Math.max(Math.abs(dot(from, right)) / this.aspect, Math.abs(dot(from, up))) / SLOPE;
       });
-      this.distance = this.homeDistance = Math.max(1.02 * quantile(needed, 0.995), 1e-6);
+      this.distance = this.homeDistance = Math.max(this.room * quantile(needed, 0.995), 1e-6);
     }
 
     axes() {
@@ -57,6 +58,11 @@ globalThis.uwCamera = (() => {
     project(point) {
       const { right, up, back } = this.axes(), from = subtract(point, this.eye()), depth = -dot(from, back) * SLOPE;
       return [(dot(from, right) / depth / this.aspect + 1) / 2 * this.width, (1 - dot(from, up) / depth) / 2 * this.height];
+    }
+
+    // Whether a point lies before the eye.
+    sees(point) {
+      return dot(subtract(point, this.eye()), this.axes().back) < 0;
     }
 
     // Direction from the eye through a screen position.

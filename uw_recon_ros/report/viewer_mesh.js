@@ -1,8 +1,9 @@
 "use strict";
 // The mesh: from what embed.mesh_json writes to arrays, and the point of it that a ray meets first.
 //
-// World axes: x right, y up, z towards the viewer, i.e. the optical frame (x right, y down, z forward) turned by 180
-// degrees about x. Coordinates shown to the user are those of the optical frame.
+// Axes here: x right, y up, z towards the viewer. `turn` (signs) leads there from the surface's own frame: from an optical
+// one (x right, y down, z forward) by 180 degrees about x, from a world with z up not at all. Coordinates shown to the user
+// are those of the surface's own frame.
 globalThis.uwMesh = (() => {
   const subtract = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
   const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -16,7 +17,7 @@ globalThis.uwMesh = (() => {
   function decode(data) {
     const whole = new Uint16Array(bytes(data.positions)), n = whole.length / 3;
     const positions = new Float32Array(whole.length), normals = new Float32Array(whole.length);
-    const small = new Int8Array(bytes(data.normals)), flip = [1, -1, -1];
+    const small = new Int8Array(bytes(data.normals)), flip = data.turn;
     for (let i = 0; i < whole.length; i++) {
       const k = i % 3;
       positions[i] = flip[k] * (data.low[k] + whole[i] / 65535 * data.extent[k]);
@@ -25,6 +26,13 @@ globalThis.uwMesh = (() => {
     const index = data.indexBits === 16 ? new Uint16Array(bytes(data.index)) : new Uint32Array(bytes(data.index));
     const uv = Float32Array.from(new Uint16Array(bytes(data.uv)), value => value / 65535);
     return { positions, normals, uv, index: new Uint32Array(index), n };
+  }
+
+  // A track's points, and its colour for a canvas.
+  function line(track, turn) {
+    const flat = new Float32Array(bytes(track.points)), points = [];
+    for (let i = 0; i < flat.length; i += 3) points.push([0, 1, 2].map(k => turn[k] * flat[i + k]));
+    return { points, color: `rgb(${track.color})` };
   }
 
   function edges(index, n) {
@@ -60,5 +68,5 @@ globalThis.uwMesh = (() => {
     return nearest;
   }
 
-  return { subtract, dot, cross, quantile, bytes, decode, edges, meet };
+  return { subtract, dot, cross, quantile, bytes, decode, line, edges, meet };
 })();

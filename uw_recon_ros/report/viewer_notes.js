@@ -2,7 +2,7 @@
 // What is written over the 3-D view: scale, axes, measured lengths.
 globalThis.uwNotes = (() => {
   const { subtract, dot } = globalThis.uwMesh;
-  const AXES = [["x", "#d9463e", [1, 0, 0]], ["y", "#3a9d4a", [0, -1, 0]], ["z", "#3b78d8", [0, 0, -1]]];
+  const AXES = [["x", "#d9463e"], ["y", "#3a9d4a"], ["z", "#3b78d8"]];
 
   const number = value => value.toLocaleString("en", { maximumSignificantDigits: 3, useGrouping: false });
 
@@ -13,16 +13,17 @@ globalThis.uwNotes = (() => {
   }
 
   class Notes {
-    constructor(canvas, unit) {
-      Object.assign(this, { canvas, unit, pen: canvas.getContext("2d") });
+    constructor(canvas, unit, turn) {
+      Object.assign(this, { canvas, unit, turn, pen: canvas.getContext("2d") });
     }
 
-    draw(camera, marks, ratio) {
+    draw(camera, marks, ratio, tracks) {
       const style = getComputedStyle(this.canvas), color = name => style.getPropertyValue(name).trim();
       Object.assign(this, { ink: color("--ink"), paper: color("--view") });
       this.pen.setTransform(ratio, 0, 0, ratio, 0, 0);
       this.pen.clearRect(0, 0, camera.width, camera.height);
-      this.pen.lineCap = "round";
+      this.pen.lineCap = this.pen.lineJoin = "round";
+      for (const track of tracks) this.track(camera, track);
       this.scale(camera);
       this.axes(camera.axes());
       this.marks(marks.map(mark => camera.project(mark)), marks);
@@ -51,9 +52,20 @@ globalThis.uwNotes = (() => {
       this.write(`${number(length)} ${unit}`, right, y - 11, "right", this.ink, this.paper);
     }
 
-    // Of the optical frame, turned as the surface is.
+    // Where the camera was; over everything, so that nothing hides it.
+    track(camera, { points, color }) {
+      const places = points.filter(point => camera.sees(point)).map(point => camera.project(point));
+      this.stroke(places, this.paper, 4);
+      this.stroke(places, color, 2);
+      this.pen.fillStyle = color;
+      for (const [x, y] of places.length < 500 ? places : []) { this.pen.beginPath(); this.pen.arc(x, y, 2.6, 0, 7); this.pen.fill(); }
+    }
+
+    // Of the surface's own frame, turned as it is.
     axes({ right, up }) {
-      for (const [name, color, arm] of AXES) {
+      for (const [k, [name, color]] of AXES.entries()) {
+        const arm = [0, 0, 0];
+        arm[k] = this.turn[k];
         const dx = 26 * dot(arm, right), dy = -26 * dot(arm, up);
         this.stroke([[46, 50], [46 + dx, 50 + dy]], color, 2.5);
         this.write(name, 46 + 1.4 * dx, 54 + 1.4 * dy, "center", color, this.paper);

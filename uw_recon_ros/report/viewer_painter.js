@@ -2,11 +2,14 @@
 // Puts a mesh on a canvas by plain WebGL2: texture, relief, depth colours, wireframe.
 globalThis.uwPainter = (() => {
   const { bytes, edges, quantile } = globalThis.uwMesh;
+  const DEPTH = 3; // the mode that shows a number as a colour; those after it are layers
   const VERTEX = `#version 300 es
     uniform mat4 view, projection;
     uniform vec2 depthRange;
     in vec3 position, normal;
     in vec2 uv;
+    in float value;
+    uniform bool layered;
     out vec3 eyeNormal, eyePosition;
     out vec2 texel;
     out float shade;
@@ -15,7 +18,8 @@ globalThis.uwPainter = (() => {
       eyePosition = eye.xyz;
       eyeNormal = mat3(view) * normal;
       texel = uv;
-      shade = clamp((-position.z - depthRange.x) / max(depthRange.y - depthRange.x, 1e-9), 0.0, 1.0);
+      float depth = clamp((-position.z - depthRange.x) / max(depthRange.y - depthRange.x, 1e-9), 0.0, 1.0);
+      shade = layered ? value : depth;
       gl_Position = projection * eye;
     }`;
   const FRAGMENT = `#version 300 es
@@ -58,7 +62,7 @@ globalThis.uwPainter = (() => {
       if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw new Error(gl.getShaderInfoLog(shader));
       gl.attachShader(made, shader);
     }
-    ["position", "normal", "uv"].forEach((name, place) => gl.bindAttribLocation(made, place, name));
+    ["position", "normal", "uv", "value"].forEach((name, place) => gl.bindAttribLocation(made, place, name));
     gl.linkProgram(made);
     if (!gl.getProgramParameter(made, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(made));
     return { made, at: name => gl.getUniformLocation(made, name) };
@@ -73,26 +77,28 @@ globalThis.uwPainter = (() => {
       this.upload(mesh);
       const depths = mesh.positions.filter((_, i) => i % 3 === 2).map(z => -z);
       this.depthRange = [quantile(depths, 0.01), quantile(depths, 0.99)];
-      this.uploadColors(data.colors);
+      this.uploadColors(1, data.colors);
+      this.layers = data.layers.map((layer, k) => this.uploadLayer(2 + k, layer));
       this.uploadTexture(data.texture, whenTextured);
     }
 
     upload({ positions, normals, uv, index, n }) {
       const gl = this.gl, lines = edges(index, n);
-      const store = (target, values) => {
-        const buffer = gl.createBuffer();
-        gl.bindBuffer(target, buffer);
-        gl.bufferData(target, values, gl.STATIC_DRAW);
-        return { buffer, count: values.length };
-      };
       gl.bindVertexArray(gl.createVertexArray());
       [[positions, 3], [normals, 3], [uv, 2]].forEach(([values, size], place) => {
-        store(gl.ARRAY_BUFFER, values);
+        this.store(gl.ARRAY_BUFFER, values);
         gl.enableVertexAttribArray(place);
         gl.vertexAttribPointer(place, size, gl.FLOAT, false, 0, 0);
       });
-      this.faces = store(gl.ELEMENT_ARRAY_BUFFER, index);
-      this.edges = store(gl.ELEMENT_ARRAY_BUFFER, lines);
+      this.faces = this.store(gl.ELEMENT_ARRAY_BUFFER, index);
+      this.edges = this.store(gl.ELEMENT_ARRAY_BUFFER, lines);
+    }
+
+    store(target, values) {
+      const buffer = this.gl.createBuffer();
+      this.gl.bindBuffer(target, buffer);
+      this.gl.bufferData(target, values, this.gl.STATIC_DRAW);
+      return { buffer, count: values.length };
     }
 
     texture(unit, filter) {
@@ -104,9 +110,26 @@ globalThis.uwPainter = (() => {
       gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE);
     }
 
-    uploadColors(colors) {
+    // A number at every vertex, and the colours it is shown in.
+    uploadLayer(unit, { values, colors }) {
+      this.uploadColors(unit, colors);
+      return { unit, ...this.store(this.gl.ARRAY_BUFFER, new Uint8Array(bytes(values))) };
+    }
+
+    // The attribute that a layer is; none: depth.
+    choose(layer) {
       const gl = this.gl;
-      this.texture(1, gl.LINEAR);
+      gl.uniform1i(this.surface.at("colors"), layer ? layer.unit : 1);
+      gl.uniform1i(this.surface.at("layered"), layer ? 1 : 0);
+      if (!layer) return gl.disableVertexAttribArray(3);
+      gl.bindBuffer(gl.ARRAY_BUFFER, layer.buffer);
+      gl.enableVertexAttribArray(3);
+      gl.vertexAttribPointer(3, 1, gl.UNSIGNED_BYTE, true, 0, 0);
+    }
+
+    uploadColors(unit, colors) {
+      const gl = this.gl;
+      this.texture(unit, gl.LINEAR);
       gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB8, 256, 1, 0, gl.RGB, gl.UNSIGNED_BYTE, new Uint8Array(bytes(colors)));
     }
 
@@ -136,8 +159,8 @@ globalThis.uwPainter = (() => {
       gl.disable(gl.BLEND);
       this.use(this.surface, view, projection);
       gl.uniform1i(this.surface.at("image"), 0);
-      gl.uniform1i(this.surface.at("colors"), 1);
-      gl.uniform1i(this.surface.at("mode"), mode);
+      gl.uniform1i(this.surface.at("mode"), Math.min(mode, DEPTH));
+      this.choose(this.layers[mode - DEPTH - 1]);
       gl.uniform2fv(this.surface.at("depthRange"), this.depthRange);
       this.draw(gl.TRIANGLES, this.faces);
       if (!wire) return;

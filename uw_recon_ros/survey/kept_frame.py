@@ -19,6 +19,7 @@ from uw_recon_ros.types import FloatImage, StereoGeometry
 
 KEPT = "model_frames"
 _SUFFIX = ".frame"
+_METRIC, _UNSCALED = b"m", b"b"  # the file's first byte: whether lengths are metres, without unpacking it
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +48,22 @@ def write_kept(path: str | Path, frame: DisparityFrame) -> None:
         frame.stamp_ns, np.asarray(picture, np.uint8).ravel(), frame.sigma.astype(np.float16), frame.disparity,
         frame.geometry,
     )  # fmt: skip
-    write_bytes(path, zlib.compress(pack(packed), 3))
+    write_bytes(path, (_METRIC if frame.geometry.metric else _UNSCALED) + zlib.compress(pack(packed), 3))
+
+
+def is_metric(path: str | Path) -> bool:
+    """Whether a kept frame's lengths are metres; reads one byte.
+
+    Raises
+    ------
+    BagError
+        It cannot be read.
+    """
+    try:
+        with Path(path).open("rb") as stream:
+            return stream.read(1) == _METRIC
+    except OSError as error:
+        raise BagError(f"{path}: expected a frame that a survey kept, got: {error}") from error
 
 
 def read_kept(path: str | Path) -> DisparityFrame:
@@ -59,7 +75,7 @@ def read_kept(path: str | Path) -> DisparityFrame:
         It cannot be read, or is damaged.
     """
     try:
-        packed = unpack(zlib.decompress(Path(path).read_bytes()), (_Packed, StereoGeometry))
+        packed = unpack(zlib.decompress(Path(path).read_bytes()[1:]), (_Packed, StereoGeometry))
         picture = cv2.imdecode(packed.picture, cv2.IMREAD_COLOR)
         if picture is None:
             raise ValueError("its picture is damaged")

@@ -10,17 +10,19 @@ import itertools
 import json
 import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from markupsafe import Markup
 
 from uw_recon_ros.files.atomic import write_bytes
 from uw_recon_ros.report.content import Summary
-from uw_recon_ros.report.shell import PAGE_SCRIPTS, PAGE_STYLES, VIEW_SCRIPTS, render
+from uw_recon_ros.report.shell import MAP_SCRIPTS, PAGE_SCRIPTS, PAGE_STYLES, VIEW_SCRIPTS, render
 from uw_recon_ros.survey.charts import LEFT, RIGHT, Line, chart
 from uw_recon_ros.survey.store import PREVIEWS, UNRELIABLE, VIEWS, Row, Store, frame_name, succeeded
 from uw_recon_ros.survey.tables import failures
 
+MODEL, PAGE = "model", "report.html"  # where the model of a survey, and its page, are
 _ON_SHEET = 96
 _WORST = 40
 _FAILURES_SHOWN = 6
@@ -42,6 +44,25 @@ def write_report(store: Store, rows: list[Row], made: dict[str, Any]) -> None:
     write_bytes(store.root / "report.html", render_report(store, rows, made).encode(), durable=True)
 
 
+def show_model(root: str | Path) -> None:
+    """Write the page of a finished survey again, with the model that was made of it first.
+
+    Raises
+    ------
+    SurveyError
+        The survey is being written to.
+    """
+    with Store(root) as store:
+        made = json.loads((store.root / "report.json").read_text(encoding="utf-8"))
+        write_report(store, [row for _, row in sorted(store.rows().items())], made)
+
+
+def _model(store: Store) -> str:
+    """The model's page, where there is one."""
+    page = store.root / MODEL / PAGE
+    return page.read_text(encoding="utf-8") if page.is_file() else ""
+
+
 def render_report(store: Store, rows: list[Row], made: dict[str, Any]) -> str:
     """Build the page; see `write_report`."""
     ok = [row for row in rows if succeeded(row)]
@@ -49,8 +70,9 @@ def render_report(store: Store, rows: list[Row], made: dict[str, Any]) -> str:
     step = max(1, math.ceil(len(rows) / _ON_SHEET))
     return render(
         "survey/report.html",
-        styles=(*PAGE_STYLES, "survey/survey.css"), scripts=(*PAGE_SCRIPTS, "survey/survey.js"), framed=VIEW_SCRIPTS,
-        frames=True, title="Survey of " + ", ".join(made["input"]), summary=_summary(made, rows, ok),
+        styles=(*PAGE_STYLES, "survey/survey.css"), scripts=(*PAGE_SCRIPTS, "survey/survey.js"),
+        framed=VIEW_SCRIPTS + MAP_SCRIPTS, frames=True, title="Survey of " + ", ".join(made["input"]),
+        summary=_summary(made, rows, ok), model=_model(store),
         chosen=_chosen(store, rows, ok, seconds, made, stamped=stamped), has_views=any(map(_has_view, ok)),
         charts=_charts(rows, *_axis(seconds, stamped=stamped), made),
         worst=[_frame(store, row, _unit(made)) for row in _worst(ok)],

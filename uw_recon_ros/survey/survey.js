@@ -50,4 +50,16 @@
     choose(frames.reduce((best, row, k) => Math.abs(row[1] - time) < Math.abs(frames[best][1] - time) ? k : best, 0));
   }));
   choose(now);
+
+  // The model's page is as high as what is in it, and as light or dark as this one.
+  const model = document.querySelector("iframe.model");
+  model?.addEventListener("load", () => {
+    const inside = model.contentDocument.documentElement, theme = document.documentElement.dataset;
+    const fit = () => { model.style.height = `${model.contentDocument.querySelector(".page").offsetHeight}px`; };
+    new ResizeObserver(fit).observe(model.contentDocument.querySelector(".page"));
+    addEventListener("themechange", () => {
+      inside.dataset.theme = theme.theme;
+      model.contentWindow.dispatchEvent(new Event("themechange"));
+    });
+  });
 })();
