@@ -168,7 +168,7 @@ def test_tools_are_those_of_what_is_shown():
         [Layer(EVIL, values, ColorBar(0, 1, EVIL, "magma", EVIL))], [Track(np.zeros((1, 3)), (1, 2, 3), EVIL)], True
     )
     image = np.full((4, 4, 4), 255, np.uint8)
-    shown = Map([MapLayer(EVIL, image, ColorBar(0, 1, EVIL))], 1.0, 0.0, 0.0, EVIL)
+    shown = Map([MapLayer(EVIL, image, ColorBar(0, 1, EVIL))], 1.0, 0.0, 0.0, "m")
     reader = read(render_page("x", Summary(), [Section("x", surface=surface(), overlay=overlay, map=shown)]))
     assert "alert" not in " ".join(reader.scripts)
     acts = [attributes.get("data-act") for tag, attributes in reader.tags if tag == "button"]
