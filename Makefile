@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 SHELL := /bin/sh
 export NO_COLOR
 
-.PHONY: help demo test test-fast test-matrix lint format bench bench-model docs site bags warmup clean
+.PHONY: help demo test test-fast test-matrix coverage lint format bench bench-model docs site bags warmup clean
 
 help:  ## what can be made
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -23,6 +23,12 @@ test-fast: $(VENV)/.ready  ## tests without the slow ones and the process graph
 
 test-matrix: $(VENV)/.ready  ## the quick tests on every Python that is there (3.10 to 3.13; 3.14 resolved at least)
 	$(BIN)/python tools/test_matrix.py
+
+coverage: $(VENV)/.ready  ## branch coverage of all tests, started processes included; fails under the floor (TESTS=... for a part)
+	$(BIN)/python -m coverage erase
+	$(BIN)/python -m coverage run -m pytest -n 2 --dist loadgroup $(TESTS)
+	$(BIN)/python -m coverage combine -q
+	$(BIN)/python -m coverage report $(if $(TESTS),--fail-under=0)
 
 lint: $(VENV)/.ready  ## ruff and mypy --strict
 	$(BIN)/ruff check .
@@ -54,4 +60,4 @@ warmup: $(VENV)/.ready  ## compile the kernels now rather than at the first call
 	$(BIN)/uw_recon warmup
 
 clean:  ## remove what was made, the virtual environment included
-	rm -rf $(VENV) .matrix demo_out bench_out site docs/_generated build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .matrix .coverage .coverage.* demo_out bench_out site docs/_generated build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -26,6 +26,7 @@ TEST = [
     "pytest-timeout>=2.1",
     "hypothesis>=6.80",
     "psutil>=5.9",
+    "coverage>=7.10",
     *DASK,
     *LAZ,
     *COMPLETION,

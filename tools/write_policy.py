@@ -42,14 +42,14 @@ def _stage(name: str, inputs: tuple[Input, ...], outputs: tuple[Output, ...], *o
     return Profile(
         name,
         frozenset(output.topic for output in outputs) | said,
-        frozenset(source.topic for wanted in inputs for source in wanted.sources) | {"/clock"},
+        frozenset(topic.name for wanted in inputs for topic in wanted.alternatives) | {"/clock"},
         frozenset(f"~/{service}" for service in PARAMETER_SERVICES + LIFECYCLE_SERVICES),
     )
 
 
 def profiles() -> tuple[Profile, ...]:
     """All nodes; the player as it replays a rig's cameras."""
-    cameras = {source.topic for wanted in pipeline_node.INPUTS for source in wanted.sources}
+    cameras = {topic.name for wanted in pipeline_node.INPUTS for topic in wanted.alternatives}
     return (
         _stage("preprocess_node", preprocess_node.CAMERAS, preprocess_node.OUTPUTS),
         _stage("rectify_node", rectify_node.INPUTS, rectify_node.OUTPUTS, rectified_frame.TOPIC),
