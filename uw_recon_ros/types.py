@@ -260,7 +260,7 @@ class EnhancedPair:
     Parameters
     ----------
     left, right : (H, W, 3) uint8
-        RGB after the paper's nine steps: texture, tie points.
+        RGB, enhanced: texture, tie points.
     left_matching, right_matching : (H, W) uint8
         What the matcher sees, chosen by the `profile` parameter; 0 where nothing is seen, see `unseen`.
     stamp_ns, frame_id, calibration

@@ -15,7 +15,8 @@ from uw_recon_ros.preprocess.stage import Preprocess, PreprocessParams
 from uw_recon_ros.types import EnhancedPair, StereoPair
 
 PLAIN = PreprocessParams(
-    moire_removal=False, homomorphic_filtering=False, wavelet_denoising=False, anisotropic_filtering=False,
+    appearance="paper", moire_removal=False, homomorphic_filtering=False, wavelet_denoising=False,
+    anisotropic_filtering=False,
     color_equalization=False, intensity_clip=0.0,
 )  # fmt: skip
 
@@ -47,8 +48,21 @@ def test_what_comes_out(profile: str, color: bool, peak: int) -> None:
 def test_means_of_the_colors_are_equal_over_both_cameras() -> None:
     pair = scene()
     assert np.ptp(pair.left.mean(axis=(0, 1))) > 50
-    out = Preprocess()(pair)
+    out = Preprocess(PreprocessParams(appearance="paper"))(pair)
     assert np.ptp(np.stack([out.left, out.right]).mean(axis=(0, 1, 2))) < 1.0
+
+
+def test_what_is_shown_changes_nothing_that_is_matched() -> None:
+    pair = scene()
+    shown, paper = (Preprocess(PreprocessParams(appearance=name))(pair) for name in ("water", "paper"))
+    assert np.any(shown.left != paper.left)
+    np.testing.assert_array_equal(shown.left_matching, paper.left_matching)
+    np.testing.assert_array_equal(shown.right_matching, paper.right_matching)
+
+
+def test_the_profile_paper_shows_the_paper_whatever_is_asked() -> None:
+    whole, asked = (Preprocess(PreprocessParams(profile="paper", appearance=n))(scene()) for n in ("paper", "water"))
+    np.testing.assert_array_equal(whole.left, asked.left)
 
 
 def test_both_cameras_are_treated_alike() -> None:
@@ -129,12 +143,12 @@ def test_every_step_can_be_switched_off() -> None:
     pair = scene()
     gray = to_bytes(colored_leaves(120, 160)[..., 1] + wave(120, 160, (0.3, 0.2), 0.05))
     moire = StereoPair(np.repeat(gray[..., None], 3, 2), pair.right)
-    whole = Preprocess()(moire)
+    whole = Preprocess(PreprocessParams(appearance="paper"))(moire)
     for switch in (
         "moire_removal", "homomorphic_filtering", "wavelet_denoising", "anisotropic_filtering", "color_equalization",
         "chroma_follows",
     ):  # fmt: skip
-        out = Preprocess(PreprocessParams(**{switch: False}))(moire)
+        out = Preprocess(PreprocessParams(appearance="paper", **{switch: False}))(moire)
         assert np.any(out.left != whole.left), switch
 
 
@@ -230,5 +244,5 @@ def test_texture_of_real_water_is_recovered() -> None:
     need_data()
     for path in (p for p in real_images() if "underwater" in str(p)):
         pair = StereoPair(*(cv2.imread(str(path.with_stem(view)))[..., ::-1] for view in ("left", "right")))
-        out = Preprocess()(pair)
+        out = Preprocess(PreprocessParams(appearance="paper"))(pair)
         assert verified_matches(out.left, out.right) > 2 * verified_matches(pair.left, pair.right), path

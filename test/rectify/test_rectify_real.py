@@ -37,7 +37,7 @@ def test_canyon_rows_agree_on_held_out_matches(canyon):
     assert found.quality.method == "quasi-euclidean"
     assert found.quality.row_error_median_px < 0.6
     assert found.quality.row_error_p95_px < 1.5
-    assert found.quality.inliers > 200
+    assert found.quality.inliers > 180
     assert found.quality.warnings == ()
     for view in (found.left, found.right):
         shape = homography_distortion(view.homography, 1280, 720)

@@ -13,6 +13,7 @@ import numpy as np
 
 from uw_recon_ros.params import Params, param
 from uw_recon_ros.preprocess import wavelet
+from uw_recon_ros.preprocess.appearance import improve_appearance
 from uw_recon_ros.preprocess.color import (
     apply_gains,
     equalizing_gains,
@@ -44,6 +45,12 @@ class PreprocessParams(Params):
         "matching",
         "What the matcher sees: the paper's chain, a mild denoising, or the raw gray image.",
         choices=("paper", "matching", "none"),
+    )
+    appearance: str = param(
+        "water",
+        "What is shown and textured: colours balanced, light evened, noise kept low; or the paper's chain, as always "
+        "under the profile 'paper'.",
+        choices=("water", "paper"),
     )
     sensor_bits: int = param(
         0, "Bits a pixel of a 16-bit image really has; 0: the fewest of 8, 10, 12, 14, 16 that hold it.",
@@ -88,7 +95,7 @@ class PreprocessParams(Params):
 
 @dataclass(frozen=True)
 class Preprocess:
-    """The paper's nine steps on a stereo pair, both cameras by the same statistics.
+    """From a raw stereo pair to one to look at and one to match, both cameras by the same statistics.
 
     Parameters
     ----------
@@ -126,8 +133,12 @@ class Preprocess:
             scene = both(partial(unit_from_raw, full_scale=full_scale(raw, self.params.sensor_bits)), raw)
             unit = both(continued, scene, masks)
             clean = both(self._without_moire, unit)
-            filtered = self._filtered_luminance(both, both(luminance, clean), masks)
-            left, right = both(blackened, both(_bytes, self._recolored(both, clean, filtered, masks)), masks)
+            if "paper" in (self.params.profile, self.params.appearance):
+                filtered = self._filtered_luminance(both, both(luminance, clean), masks)
+                shown = self._recolored(both, clean, filtered, masks)
+            else:
+                filtered, shown = clean, improve_appearance(both, clean, masks)
+            left, right = both(blackened, both(_bytes, shown), masks)
             to_match = both(_bytes, self._to_match(both, unit, clean, filtered))
             left_matching, right_matching = both(mark_unseen, to_match, masks)
         return EnhancedPair(

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.errors import EstimationError
 from uw_recon_ros.findings import Code
-from uw_recon_ros.images import to_gray
 from uw_recon_ros.rectify.features import find_features, mutual_matches, spread
 from uw_recon_ros.rectify.fundamental import robust_inliers
 from uw_recon_ros.rectify.params import RectifyParams
@@ -21,6 +20,7 @@ from uw_recon_ros.unseen import continued, unseen, with_margin
 _TAIL = 0.05
 _MARGIN_PX = 20.0
 _INLIER_SHARE = 0.25  # unrelated images reach about a tenth
+_CONTRAST_LIMIT = 3.0  # times the mean of the histogram
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +66,11 @@ def _reduced(gray: ByteImage, longest_side: int) -> tuple[ByteImage, float]:
     return np.asarray(cv2.resize(gray, size, interpolation=cv2.INTER_AREA), np.uint8), scale
 
 
+def _even_contrast(gray: ByteImage) -> ByteImage:
+    """Contrast limited histogram equalisation: key points everywhere, also in haze and in the dark."""
+    return np.asarray(cv2.createCLAHE(_CONTRAST_LIMIT, (8, 8)).apply(np.ascontiguousarray(gray)), np.uint8)
+
+
 def _reduced_mask(hidden: Mask, reduced: ByteImage) -> Mask:
     """A mask, with its margin, in the size of a reduced image."""
     if not hidden.any():
@@ -87,7 +92,7 @@ def find_tie_points(pair: EnhancedPair, params: RectifyParams, *, longest_side: 
     Parameters
     ----------
     pair : EnhancedPair
-        Its colour images are used.
+        What the matcher sees is used, so that no choice of what is shown moves the rows.
     params : RectifyParams
         The ``tie_*`` parameters and the seed.
     longest_side : int or None
@@ -105,8 +110,8 @@ def find_tie_points(pair: EnhancedPair, params: RectifyParams, *, longest_side: 
     """
     side = longest_side or params.tie_image_side
     hidden_left, hidden_right = unseen(pair.left_matching), unseen(pair.right_matching)
-    left, scale = _reduced(continued(to_gray(pair.left), hidden_left), side)
-    right, _ = _reduced(continued(to_gray(pair.right), hidden_right), side)
+    left, scale = _reduced(_even_contrast(continued(pair.left_matching, hidden_left)), side)
+    right, _ = _reduced(_even_contrast(continued(pair.right_matching, hidden_right)), side)
     points_left, descriptors_left = find_features(left, params, _reduced_mask(hidden_left, left))
     points_right, descriptors_right = find_features(right, params, _reduced_mask(hidden_right, right))
     if min(len(points_left), len(points_right)) < params.tie_points_min:
