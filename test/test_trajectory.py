@@ -9,16 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from uw_recon_ros.errors import TrajectoryError
+from uw_recon_ros.files.trajectories import read_trajectory_csv, read_tum, write_trajectory_csv, write_tum
 from uw_recon_ros.findings import Code
-from uw_recon_ros.trajectory import (
-    PoseStatus,
-    Trajectory,
-    read_trajectory_csv,
-    read_tum,
-    trajectory_of,
-    write_trajectory_csv,
-    write_tum,
-)
+from uw_recon_ros.trajectory import PoseStatus, Trajectory, trajectory_of
 
 STAMPS = np.array([1_700_000_000_123_456_789, 1_700_000_000_123_456_790, 1_700_000_009_000_000_000], np.int64)
 

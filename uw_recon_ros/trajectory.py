@@ -1,24 +1,16 @@
-"""The way of a dive: a pose a frame, how sure each is, and how it came about; as files in the TUM format and CSV."""
+"""The way of a dive: a pose a frame, how sure each is, and how it came about."""
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from uw_recon_ros.errors import TrajectoryError
-from uw_recon_ros.files.atomic import write_bytes
 from uw_recon_ros.types import ByteImage, FloatImage, Matrix, StereoGeometry
-
-_CSV_HEAD = "stamp_ns,x,y,z,qx,qy,qz,qw,status,segment"
-_UPPER = np.triu_indices(6)
 
 
 class PoseStatus(IntEnum):
@@ -159,119 +151,3 @@ def as_quaternions(poses: Matrix) -> Matrix:
         return np.zeros((0, 4))
     found: Matrix = Rotation.from_matrix(poses[:, :3, :3]).as_quat()
     return np.where(found[:, 3:] < 0, -found, found)
-
-
-def _rows(trajectory: Trajectory) -> Matrix:
-    """(N, 7): world position (the origin added) and quaternion."""
-    return np.hstack([trajectory.positions + trajectory.origin, as_quaternions(trajectory.poses)])
-
-
-def tum_stamp(stamp_ns: int) -> str:
-    """Seconds with nine decimals, exact."""
-    return f"{stamp_ns // 10**9}.{stamp_ns % 10**9:09d}"
-
-
-def write_tum(path: str | Path, trajectory: Trajectory) -> None:
-    """Write ``stamp x y z qx qy qz qw`` lines (s, m), world coordinates; whole file or none.
-
-    The format of the TUM RGB-D benchmark (Sturm et al. 2012), which evo and rpg_trajectory_evaluation read.
-    """
-    lines = ["# stamp x y z qx qy qz qw"]
-    for stamp, row in zip(trajectory.stamps_ns.tolist(), _rows(trajectory).tolist(), strict=True):
-        lines.append(" ".join([tum_stamp(stamp), *(f"{x:.9f}" for x in row)]))
-    write_bytes(path, ("\n".join(lines) + "\n").encode())
-
-
-def _stamp(text: str) -> int:
-    """Exact ns of seconds in decimal."""
-    whole, _, part = text.partition(".")
-    return int(whole) * 10**9 + int((part + "0" * 9)[:9])
-
-
-def _text(path: str | Path) -> str:
-    try:
-        return Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise TrajectoryError(f"{path}: expected a trajectory, got: {error}") from error
-
-
-def read_tum(path: str | Path, *, origin: Matrix | None = None) -> Trajectory:
-    """Read a file in the TUM format.
-
-    Parameters
-    ----------
-    path : path
-    origin : (3,) float64, optional
-        Subtracted from the positions; None = zero.
-
-    Raises
-    ------
-    TrajectoryError
-        Not readable, no eight numbers a line, or stamps that do not increase.
-    """
-    stamps, rows = [], []
-    for number, line in enumerate(_text(path).splitlines(), 1):
-        words = line.replace(",", " ").split()
-        if not words or words[0].startswith("#"):
-            continue
-        try:
-            stamp, row = _stamp(words[0]), [float(word) for word in words[1:]]
-        except ValueError:
-            row = []
-        if len(row) != 7 or not np.isfinite(row).all() or not np.any(row[3:]):
-            raise TrajectoryError(f"{path}:{number}: expected stamp x y z qx qy qz qw, got {line.strip()[:80]!r}")
-        stamps.append(stamp)
-        rows.append(row)
-    return _made(path, stamps, rows, origin)
-
-
-def _made(path: str | Path, stamps: list[int], rows: list[list[float]], origin: Matrix | None) -> Trajectory:
-    if not stamps:
-        raise TrajectoryError(f"{path}: expected at least one pose, got none")
-    table, start = np.array(rows), np.zeros(3) if origin is None else np.asarray(origin, np.float64)
-    poses = np.tile(np.eye(4), (len(rows), 1, 1))
-    poses[:, :3, :3] = Rotation.from_quat(table[:, 3:]).as_matrix()
-    poses[:, :3, 3] = table[:, :3] - start
-    try:
-        return trajectory_of(stamps, poses, origin=start)
-    except ValueError as error:
-        raise TrajectoryError(f"{path}: {error}") from error
-
-
-def write_trajectory_csv(path: str | Path, trajectory: Trajectory) -> None:
-    """Write a line a pose: stamp, world position, quaternion, status, segment, upper triangle of the covariance."""
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow([*_CSV_HEAD.split(","), *(f"c{i}{j}" for i, j in zip(*_UPPER, strict=True))])
-    for k, row in enumerate(_rows(trajectory).tolist()):
-        table.writerow([
-            int(trajectory.stamps_ns[k]), *(f"{x:.9f}" for x in row), str(PoseStatus(int(trajectory.status[k]))),
-            int(trajectory.segment[k]), *(f"{x:.6g}" for x in trajectory.covariances[k][_UPPER]),
-        ])  # fmt: skip
-    write_bytes(path, text.getvalue().encode())
-
-
-def read_trajectory_csv(path: str | Path, *, origin: Matrix | None = None) -> Trajectory:
-    """Read what `write_trajectory_csv` wrote.
-
-    Raises
-    ------
-    TrajectoryError
-    """
-    lines = list(csv.reader(_text(path).splitlines()))
-    if not lines or ",".join(lines[0][:10]) != _CSV_HEAD:
-        raise TrajectoryError(
-            f"{path}: expected columns {_CSV_HEAD},..., got {','.join(lines[0])[:80] if lines else ''!r}"
-        )
-    try:
-        stamps = [int(line[0]) for line in lines[1:]]
-        found = _made(path, stamps, [[float(x) for x in line[1:8]] for line in lines[1:]], origin)
-        status = np.array([PoseStatus[line[8].upper()] for line in lines[1:]], np.uint8)
-        segment = np.array([int(line[9]) for line in lines[1:]], np.int64)
-        upper = np.array([[float(x) for x in line[10:31]] for line in lines[1:]]).reshape(len(stamps), 21)
-    except (ValueError, KeyError, IndexError) as error:
-        raise TrajectoryError(f"{path}: expected what write_trajectory_csv writes, got: {error}") from error
-    covariances = np.empty((len(stamps), 6, 6))
-    covariances[:, _UPPER[0], _UPPER[1]] = upper
-    covariances[:, _UPPER[1], _UPPER[0]] = upper
-    return replace(found, status=status, segment=segment, covariances=covariances)

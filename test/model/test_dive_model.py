@@ -16,6 +16,7 @@ import trimesh
 
 from uw_recon_ros.cli import main
 from uw_recon_ros.errors import ModelError
+from uw_recon_ros.files.trajectories import read_tum, write_tum
 from uw_recon_ros.findings import Code
 from uw_recon_ros.model import maps
 from uw_recon_ros.model.build import Request, build_model
@@ -23,7 +24,7 @@ from uw_recon_ros.model.evaluate import distances, evaluate_model
 from uw_recon_ros.model.page import tracks_of
 from uw_recon_ros.model.params import DiveModelParams
 from uw_recon_ros.survey.kept_frame import read_kept, write_kept
-from uw_recon_ros.trajectory import PoseStatus, read_tum, trajectory_of, write_tum
+from uw_recon_ros.trajectory import PoseStatus, trajectory_of
 
 FRAMES = 6
 PARAMS = """/**:

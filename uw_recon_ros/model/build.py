@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.errors import ModelError
 from uw_recon_ros.files.atomic import write_json
+from uw_recon_ros.files.trajectories import read_tum, write_trajectory_csv, write_tum
 from uw_recon_ros.findings import Code, Finding, Severity, worst
 from uw_recon_ros.fuse.frame import PosedFrame
 from uw_recon_ros.georeference.crs import WITHOUT_SCALE, Crs
@@ -25,7 +26,7 @@ from uw_recon_ros.model.work import Task, World
 from uw_recon_ros.survey.plan import versions
 from uw_recon_ros.survey.report import MODEL, PAGE, show_model
 from uw_recon_ros.system_errors import explain
-from uw_recon_ros.trajectory import PoseStatus, Trajectory, read_tum, write_trajectory_csv, write_tum
+from uw_recon_ros.trajectory import PoseStatus, Trajectory
 from uw_recon_ros.types import Matrix
 
 SUMMARY = "model.json"

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from uw_recon_ros.errors import ModelError
 from uw_recon_ros.evaluate_surface import TriangleSearch
 from uw_recon_ros.evaluate_trajectory import best_fit, trajectory_errors
+from uw_recon_ros.files.trajectories import read_trajectory_csv, read_tum
 from uw_recon_ros.model.build import SUMMARY
 from uw_recon_ros.rigid import inverse
 from uw_recon_ros.survey.report import MODEL
-from uw_recon_ros.trajectory import Trajectory, read_trajectory_csv, read_tum
+from uw_recon_ros.trajectory import Trajectory
 from uw_recon_ros.types import Matrix
 
 COMPLETE_M = 0.01

@@ -9,13 +9,13 @@ import numpy as np
 
 from uw_recon_ros.bags.messages import pose_message, stamp_ns
 from uw_recon_ros.bags.writer import BagWriter
+from uw_recon_ros.files.trajectories import write_tum
 from uw_recon_ros.rigid import quaternion
 from uw_recon_ros.simulate.dive import Dive, SimulatedFrame
 from uw_recon_ros.simulate.params import CourseParams, SimulateParams
 from uw_recon_ros.simulate.rig import LEFT_FRAME, RIGHT_FRAME
 from uw_recon_ros.simulate.sensors import sensor_messages
 from uw_recon_ros.simulate.survey_dive import SurveyDive, write_surface
-from uw_recon_ros.trajectory import write_tum
 from uw_recon_ros.types import FloatImage, StereoCalibration
 
 _DEPTH_STEP_M = 2.0**-12  # what rounding costs is 0.02 px of disparity at 1 m; it halves the bag's share for depth
