@@ -102,6 +102,8 @@ class Code(str, Enum):
     TRACK_GRAVITY_UNKNOWN = "track.gravity_unknown"
     TRACK_LOOPS_DROPPED = "track.loops_dropped"
     TRACK_PREDICTED = "track.predicted"
+    TRACK_PRIORS_DISAGREE = "track.priors_disagree"
+    TRACK_PRIORS_LEFT_OUT = "track.priors_left_out"
     TRACK_RIG_OFF = "track.rig_off"
     TRACK_SEGMENTS = "track.segments"
 

@@ -57,7 +57,7 @@ def wrong(located: Located, frames: list[DiveFrame], loops: bool) -> int:
 def row(name: str, frames: list[DiveFrame], params: LocateParams, priors: bool = False) -> str:
     """One line of the table."""
     truth = true_way(frames)
-    given = priors_from_trajectory(truth, 0.05, 0.02) if priors else None
+    given = [priors_from_trajectory(truth, 0.05, 0.02)] if priors else []
     began = time.process_time()
     located = estimate_trajectory(tracked(frames), given, params)
     cpu = (time.process_time() - began) / len(frames)

@@ -112,6 +112,56 @@ def test_priors_carry_the_world_and_one_that_lies_is_not_believed() -> None:
     assert np.abs(located.trajectory.positions - truth.positions).max() < 0.1
 
 
+def partial_priors(truth: Trajectory, clock_s: float = 0.0) -> list[Priors]:
+    """Attitudes whose heading is wrong, places without attitude, a depth gauge with its own zero."""
+    rng, n = np.random.default_rng(5), len(truth)
+    stamps = truth.stamps_ns + round(clock_s * 1e9)
+    turned = truth.poses.copy()
+    turned[:, :3, :3] = rigid.exp(np.array([0, 0, 0, 0, 0, 1.1]))[:3, :3] @ turned[:, :3, :3]
+    turned[:, :3, 3] = 0.0
+    placed, deep = np.tile(np.eye(4), (2, n, 1, 1))
+    placed[:, :3, 3] = truth.positions + 0.03 * rng.standard_normal((n, 3))
+    deep[:, 2, 3] = truth.positions[:, 2] + 0.005 * rng.standard_normal(n)
+    return [
+        Priors(stamps, turned, np.diag([0, 0, 0, 0.01**-2, 0.01**-2, 1e-6]), smooth=False, name="imu"),
+        Priors(stamps, placed, np.diag([0.03**-2, 0.03**-2, 0.1**-2, 0, 0, 0]), smooth=False, name="fixes"),
+        Priors(stamps, deep, np.diag([0, 0, 0.005**-2, 0, 0, 0]), smooth=False, name="pressure"),
+    ]
+
+
+def test_partial_knowledge_adds_up_to_a_place_in_the_world() -> None:
+    frames, truth = dive()
+    located = estimate_trajectory(frames, partial_priors(truth))
+    assert np.abs(located.trajectory.positions - truth.positions).max() < 0.06
+    turned = rigid.log(rigid.inverse(located.trajectory.poses) @ truth.poses)[:, 3:]
+    assert np.linalg.norm(turned, axis=1).max() < 0.06
+    assert not codes(located) & {Code.TRACK_GRAVITY_UNKNOWN, Code.TRACK_PRIORS_DISAGREE, Code.TRACK_PRIORS_LEFT_OUT}
+    assert located.statistics["priors"] == {"imu": 10, "fixes": 10, "pressure": 10}
+
+
+def test_places_alone_give_heading_and_the_bottom_is_level() -> None:
+    frames, truth = dive()
+    located = estimate_trajectory(frames, partial_priors(truth)[1:2])
+    assert Code.TRACK_GRAVITY_UNKNOWN in codes(located)
+    assert np.abs(located.trajectory.positions - truth.positions).max() < 0.15
+    turned = rigid.log(rigid.inverse(located.trajectory.poses) @ truth.poses)[:, 3:]
+    assert np.linalg.norm(turned, axis=1).max() < 0.2
+
+
+def test_a_clock_of_another_day_is_noticed() -> None:
+    frames, truth = dive()
+    located = estimate_trajectory(frames, partial_priors(truth, clock_s=86400.0))
+    assert {Code.TRACK_PRIORS_LEFT_OUT, Code.TRACK_GRAVITY_UNKNOWN} <= codes(located)
+    plain = estimate_trajectory(frames)
+    assert located.trajectory.positions == pytest.approx(plain.trajectory.positions, abs=0.01)
+
+
+def test_poses_that_the_pictures_contradict_are_told() -> None:
+    frames, truth = dive()
+    backwards = Priors(truth.stamps_ns, truth.poses[::-1].copy(), np.diag([400.0] * 3 + [2500.0] * 3), smooth=False)
+    assert Code.TRACK_PRIORS_DISAGREE in codes(estimate_trajectory(frames, backwards))
+
+
 def test_an_equal_floor_without_priors_has_no_silent_jump() -> None:
     """Either a step is right, or the frames are in different segments."""
     frames, truth = dive("tiles")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -173,6 +174,15 @@ class _System:
 def no_anchors() -> Anchors:
     """Nothing known from outside."""
     return Anchors(np.zeros(0, np.int64), np.zeros((0, 4, 4)), np.zeros((0, 6, 6)))
+
+
+def joined(several: Sequence[Anchors]) -> Anchors:
+    """All anchors, one after the other."""
+    found = [no_anchors(), *several]
+    return Anchors(
+        np.concatenate([a.index for a in found]), np.concatenate([a.poses for a in found]),
+        np.concatenate([a.information for a in found]),
+    )  # fmt: skip
 
 
 def solve_graph(

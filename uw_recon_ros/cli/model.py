@@ -22,6 +22,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
     parser.add_argument("survey", metavar="SURVEY_DIR", help="folder that uw_recon survey filled")
     parser.add_argument("--poses", metavar="FILE", help="poses of the left camera from outside, TUM format")
+    parser.add_argument(
+        "--bag", action="append", default=[], metavar="BAG",
+        help="recording of the dive: its odometry, attitude, fixes and pressure are used; may be given several times",
+    )  # fmt: skip
     parser.add_argument("--overwrite", action="store_true", help="make anew what SURVEY_DIR/model holds")
     parser.add_argument("--quiet", action="store_true", help="say nothing but errors")
     parser.add_argument("--json", action="store_true", help="write what model.json holds to standard output")
@@ -39,7 +43,8 @@ def run(args: argparse.Namespace) -> int:
     except (TypeError, ValueError) as error:
         raise UsageError(str(error)) from error
     made = build_model(
-        Request(args.survey, params, args.poses, args.overwrite), (lambda _: None) if args.quiet else say
+        Request(args.survey, params, args.poses, args.overwrite, tuple(args.bag)),
+        (lambda _: None) if args.quiet else say,
     )
     if args.json:
         sys.stdout.write(json.dumps(made) + "\n")

@@ -105,11 +105,13 @@ def _model(args: argparse.Namespace) -> None:
     """The model of what was surveyed, unless it is there."""
     from uw_recon_ros.model.build import Request, build_model, is_built
     from uw_recon_ros.model.params import DiveModelParams
+    from uw_recon_ros.survey.sources import find_sources
 
     if is_built(args.output):
         return
     tell = (lambda _: None) if args.quiet or args.json else say
-    made = build_model(Request(args.output, DiveModelParams()), tell)
+    bags = tuple(source.path for source in find_sources(args.inputs) if source.kind == "bag")
+    made = build_model(Request(args.output, DiveModelParams(), bags=bags), tell)
     if not args.quiet:
         warn(made["warnings"])
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros import rigid
-from uw_recon_ros.align.graph import Anchors, Edges, Solved, no_anchors, solve_graph
+from uw_recon_ros.align.graph import Anchors, Edges, Solved, joined, no_anchors, solve_graph
 from uw_recon_ros.align.loops import believable, candidates, footprints, summed_covariances, surprise
 from uw_recon_ros.align.self_calibration import RigFinding, calibrate, corrected
 from uw_recon_ros.errors import EstimationError
 from uw_recon_ros.findings import Code, Finding, Severity
 from uw_recon_ros.locate.level import levelled
 from uw_recon_ros.locate.params import LocateParams
-from uw_recon_ros.locate.priors import Priors, anchors_at, fit_to, relative_guesses
+from uw_recon_ros.locate.priors import Priors, anchors_at, fit_to, held_loosely, relative_guesses
 from uw_recon_ros.locate.walk import Link, Walk, first_poses, is_ambiguous, stretches, walk_frames
 from uw_recon_ros.track.keypoints import RigError
 from uw_recon_ros.track.params import TrackParams
@@ -26,6 +26,7 @@ from uw_recon_ros.trajectory import DisparityFrame, PoseStatus, Trajectory
 from uw_recon_ros.types import Matrix, StereoGeometry
 
 _LOOP_CHI2 = 40.0  # of 6; a loop farther from the graph than this is dropped
+_PRIOR_CHI2, _PRIOR_SHARE = 40.0, 0.2  # of 6; share of the frames that may miss what is known from outside by more
 _SHORT = 3  # frames of a part that may be put between their neighbours
 _BEYOND_DRIFT = 0.75  # share of the footprint within which loops are sought
 
@@ -58,7 +59,7 @@ class Located:
 
 def estimate_trajectory(
     frames: Iterable[DisparityFrame],
-    priors: Priors | None = None,
+    priors: Priors | Sequence[Priors] = (),
     params: LocateParams | None = None,
     track: TrackParams | None = None,
 ) -> Located:
@@ -68,8 +69,8 @@ def estimate_trajectory(
     ----------
     frames : iterable of DisparityFrame
         In the order of time; each is looked at once.
-    priors : Priors, optional
-        Poses from outside, with how sure they are.
+    priors : Priors or sequence of Priors
+        Poses, attitudes, places or depths from outside, with how sure they are.
     params : LocateParams, optional
     track : TrackParams, optional
 
@@ -79,7 +80,8 @@ def estimate_trajectory(
         No frame.
     """
     chosen, tracking = params or LocateParams(), track or TrackParams()
-    walk = _walked(frames, priors, tracking)
+    known = (priors,) if isinstance(priors, Priors) else tuple(priors)
+    walk = _walked(frames, known, tracking)
     loops, tried = _loops(walk, chosen, tracking)
     links = [*walk.links, *loops]
     rig = calibrate([link.relation for link in links], walk.geometries[0], tracking.keypoint_sigma_px)
@@ -87,23 +89,28 @@ def estimate_trajectory(
     if applied != RigError():
         links = _corrected(links, walk.geometries[0], tracking.keypoint_sigma_px, applied)
     parts = stretches(len(walk.stamps_ns), links)
-    start = fit_to(
-        first_poses(len(parts), [link for link in links if link.kind != "loop"]), parts, walk.stamps_ns, priors
-    )
-    anchors = no_anchors() if priors is None else anchors_at(walk.stamps_ns, priors)
-    solved, kept = _solved(start, links, parts, anchors)
+    start = first_poses(len(parts), [link for link in links if link.kind != "loop"])
+    given = anchors_at(walk.stamps_ns, known)
+    upright = any(len(a.index) and p.known[3:5].all() for p, a in zip(known, given, strict=True))
+    if chosen.level and known and not upright:
+        start = levelled(start, parts, links, walk.geometries[0], applied)
+    start = fit_to(start, parts, walk.stamps_ns, [p for p in known if p.absolute])
+    solved, kept = _solved(start, links, parts, joined([*given, held_loosely(start, parts, given)]))
     poses = solved.poses
-    if not len(anchors.index) and chosen.level:
+    if chosen.level and not known:
         poses = levelled(poses, parts, links, walk.geometries[0], applied)
     trajectory = _trajectory(walk, poses, solved.covariances, kept)
-    found = _findings(walk, trajectory, kept, len(links) - len(kept), rig, applied, anchors)
+    missed = np.split(solved.anchor_squares, np.cumsum([len(a.index) for a in given]))[: len(known)]
+    found = _findings(walk, trajectory, kept, len(links) - len(kept), rig, applied)
+    found += tuple(_prior_findings(known, missed, upright=upright))
     numbers = _statistics(walk, trajectory, kept, len(tried), len(links) - len(kept), solved)
+    numbers["priors"] = {p.name: len(squares) for p, squares in zip(known, missed, strict=True)}
     return Located(trajectory, found, numbers, tuple(kept), rig, applied)
 
 
-def _walked(frames: Iterable[DisparityFrame], priors: Priors | None, tracking: TrackParams) -> Walk:
+def _walked(frames: Iterable[DisparityFrame], priors: Sequence[Priors], tracking: TrackParams) -> Walk:
     """Every frame looked at once, with a guess where priors know one."""
-    if priors is None:
+    if not priors:
         walk = walk_frames(frames, tracking)
     else:
         stamps: list[int] = []
@@ -230,7 +237,6 @@ def _between(
 
 def _findings(
     walk: Walk, trajectory: Trajectory, kept: list[Link], dropped: int, rig: RigFinding | None, applied: RigError,
-    anchors: Anchors,
 ) -> tuple[Finding, ...]:  # fmt: skip
     found = []
     counts = {status: int((trajectory.status == int(status)).sum()) for status in PoseStatus}
@@ -251,12 +257,25 @@ def _findings(
         found.append(Finding(Code.TRACK_AMBIGUOUS, text, advice="poses from outside (odometry, DVL) tell which"))
     if dropped:
         found.append(Finding(Code.TRACK_LOOPS_DROPPED, f"{dropped} loops did not fit the others and were dropped"))
-    if not len(anchors.index):
-        text = "gravity is unknown: no pose from outside; the bottom's plane is laid level"
-        found.append(Finding(Code.TRACK_GRAVITY_UNKNOWN, text))
     if rig is not None and rig.applied != RigError():
         found.append(_rig_finding(rig, applied))
     return tuple(found)
+
+
+def _prior_findings(priors: Sequence[Priors], missed: Sequence[Matrix], *, upright: bool) -> Iterator[Finding]:
+    """What poses from outside do not tell, and those that the pictures contradict."""
+    if not upright:
+        text = "gravity is unknown: no attitude from outside; the bottom's plane is laid level"
+        yield Finding(Code.TRACK_GRAVITY_UNKNOWN, text)
+    for prior, squares in zip(priors, missed, strict=True):
+        if prior.absolute and not len(squares):
+            text = f"{prior.name}: not used: none of its stamps is near a frame's"
+            yield Finding(Code.TRACK_PRIORS_LEFT_OUT, text, advice="its clock is another: give its offset")
+        elif len(squares) and (far := int((squares > _PRIOR_CHI2).sum())) > _PRIOR_SHARE * len(squares):
+            text = f"{prior.name}: {far} of {len(squares)} do not agree with the pictures and hardly count"
+            yield Finding(
+                Code.TRACK_PRIORS_DISAGREE, text, advice="check its clock, its frame, and how sure it is said to be"
+            )
 
 
 def _rig_finding(rig: RigFinding, applied: RigError) -> Finding:

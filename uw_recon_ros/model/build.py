@@ -17,8 +17,9 @@ from uw_recon_ros.findings import Code, Finding, Severity, worst
 from uw_recon_ros.fuse.frame import PosedFrame
 from uw_recon_ros.georeference.crs import WITHOUT_SCALE, Crs
 from uw_recon_ros.locate.estimate import Located, estimate_trajectory
-from uw_recon_ros.locate.priors import Priors, priors_from_trajectory
+from uw_recon_ros.locate.priors import priors_from_trajectory
 from uw_recon_ros.model.compose import Composed, compose
+from uw_recon_ros.model.outside import Outside, read_outside
 from uw_recon_ros.model.page import Part, write_model_page
 from uw_recon_ros.model.params import DiveModelParams
 from uw_recon_ros.model.shelf import Shelf
@@ -47,12 +48,15 @@ class Request:
         File in the TUM format: poses of the left optical frame from outside.
     overwrite : bool
         Whether to make anew what stands there.
+    bags : tuple of str
+        Recordings whose odometry, attitudes, fixes and pressures are used as well.
     """
 
     survey: str
     params: DiveModelParams
     poses: str | None = None
     overwrite: bool = False
+    bags: tuple[str, ...] = ()
 
 
 def build_model(request: Request, tell: Tell) -> dict[str, Any]:
@@ -67,16 +71,20 @@ def build_model(request: Request, tell: Tell) -> dict[str, Any]:
     place = Path(request.survey) / MODEL
     if is_built(request.survey) and not request.overwrite:
         raise ModelError(f"{place}: holds a model already: --overwrite makes it anew", Code.MODEL_EXISTS)
-    priors, origin = _priors(request, np.array(shelf.read(0).geometry.rect_from_raw_left))
+    outside = _outside(request, np.array(shelf.read(0).geometry.rect_from_raw_left))
     tell(f"{len(shelf.paths)} frames: looking for where the vehicle was")
-    located = estimate_trajectory(shelf.walk(), priors)
-    located = replace(located, trajectory=replace(located.trajectory, origin=origin))
+    located = estimate_trajectory(shelf.walk(), outside.priors)
+    located = replace(
+        located, trajectory=replace(located.trajectory, origin=outside.origin),
+        findings=(*located.findings, *outside.findings),
+    )  # fmt: skip
     parts = _parts(located.trajectory)
     if not parts:
         text = "expected frames that overlap, no two do: more pairs a second, or slower"
         raise ModelError(f"{request.survey}: {text}", Code.MODEL_NO_OVERLAP)
     try:
-        return _written(place, shelf, located, parts, request, tell)
+        world = _world(located.trajectory, outside.crs)
+        return _written(place, shelf, located, parts, request, world, tell)
     except OSError as error:
         raise ModelError(f"{place}: stopped: {explain(error)}; what is finished is kept", Code.MODEL_DISK) from error
 
@@ -86,19 +94,19 @@ def is_built(survey: str | Path) -> bool:
     return (Path(survey) / MODEL / SUMMARY).exists()
 
 
-def _priors(request: Request, rect_from_raw: Matrix) -> tuple[Priors | None, Matrix]:
-    """Poses from outside, as of the rectified view, and the origin that is taken from them."""
+def _outside(request: Request, rect_from_raw: Matrix) -> Outside:
+    """What is known from outside of the rectified view: poses in a file, or else what bags hold."""
     p = request.params
     if request.poses is None:
         if p.epsg:
             raise ModelError("epsg: expected --poses with it, got none", Code.MODEL_POSES)
-        return None, np.zeros(3)
+        return read_outside(request.bags, rect_from_raw)
     first = read_tum(request.poses).positions[0]
     origin = np.where(np.abs(first) > _LARGE_M, np.round(first, -3), 0.0)
     given = read_tum(request.poses, origin=origin).turned(rect_from_raw.T)
-    return priors_from_trajectory(
-        given, p.poses_sigma_m, float(np.radians(p.poses_sigma_deg)), round(p.poses_offset_s * 1e9)
-    ), origin
+    sigmas = p.poses_sigma_m, float(np.radians(p.poses_sigma_deg))
+    priors = priors_from_trajectory(given, *sigmas, round(p.poses_offset_s * 1e9))
+    return Outside([priors], Crs(p.epsg or None), origin)
 
 
 def _parts(trajectory: Trajectory) -> list[NDArray[np.intp]]:
@@ -109,8 +117,9 @@ def _parts(trajectory: Trajectory) -> list[NDArray[np.intp]]:
 
 
 def _written(
-    place: Path, shelf: Shelf, located: Located, parts: list[NDArray[np.intp]], request: Request, tell: Tell
-) -> dict[str, Any]:
+    place: Path, shelf: Shelf, located: Located, parts: list[NDArray[np.intp]], request: Request,
+    world: World, tell: Tell,
+) -> dict[str, Any]:  # fmt: skip
     place.mkdir(exist_ok=True)
     (place / SUMMARY).unlink(missing_ok=True)
     turn = shelf.read(0).geometry.rect_from_raw_left
@@ -124,12 +133,12 @@ def _written(
         folder.mkdir(exist_ok=True)
         write_tum(folder / "trajectory.txt", way.picked(way.segment == number))
         tell(f"segment {number}: fusing {len(part)} frames")
-        composed = _segment(folder, shelf, located, part, request.params, tell)
+        composed = _segment(folder, shelf, located, part, request.params, world, tell)
         findings += () if composed is None else composed.findings
         name = {"segment": number, "folder": folder.relative_to(place).as_posix()}
         parts_made.append(Part(name | _entry(composed, len(part)), composed))
     models = [part.entry for part in parts_made]
-    made = _summary(shelf, located, models, tuple(dict.fromkeys(findings)), request)
+    made = _summary(shelf, located, models, tuple(dict.fromkeys(findings)), request, world)
     write_model_page(place / PAGE, way, parts_made, made)
     show_model(request.survey)
     write_json(place / SUMMARY, made, durable=False)
@@ -157,10 +166,11 @@ class _Posed(Sequence[PosedFrame]):
 
 
 def _segment(
-    folder: Path, shelf: Shelf, located: Located, part: NDArray[np.intp], params: DiveModelParams, tell: Tell
-) -> Composed | None:
+    folder: Path, shelf: Shelf, located: Located, part: NDArray[np.intp], params: DiveModelParams, world: World,
+    tell: Tell,
+) -> Composed | None:  # fmt: skip
     """Fuse one segment and write its files; None where it has no surface."""
-    task = Task(_Posed(shelf, located, part), folder, params, _world(located.trajectory, params), _steps(tell))
+    task = Task(_Posed(shelf, located, part), folder, params, world, _steps(tell))
     try:
         return compose(task)
     except ModelError as error:
@@ -169,10 +179,10 @@ def _segment(
         return None
 
 
-def _world(way: Trajectory, params: DiveModelParams) -> World:
+def _world(way: Trajectory, crs: Crs) -> World:
     if not way.metric:
         return World(way.origin, WITHOUT_SCALE, metric=False)
-    return World(way.origin, Crs(params.epsg or None))
+    return World(way.origin, crs)
 
 
 def _steps(tell: Tell) -> Callable[[str, int, int], None]:
@@ -188,8 +198,9 @@ def _steps(tell: Tell) -> Callable[[str, int, int], None]:
 
 
 def _summary(
-    shelf: Shelf, located: Located, models: list[dict[str, Any]], more: tuple[Finding, ...], request: Request
-) -> dict[str, Any]:
+    shelf: Shelf, located: Located, models: list[dict[str, Any]], more: tuple[Finding, ...], request: Request,
+    world: World,
+) -> dict[str, Any]:  # fmt: skip
     way, geometry = located.trajectory, shelf.read(0).geometry
     findings = [*located.findings, *_findings(shelf, located, models), *more]
     counts = {str(s): int((way.status == int(s)).sum()) for s in PoseStatus}
@@ -197,7 +208,7 @@ def _summary(
     return {
         "scale": "metric" if way.metric else "unknown: lengths are in baselines of the rig",
         "origin": [float(x) for x in way.origin],
-        "crs": _world(way, request.params).crs.text,
+        "crs": world.crs.text,
         "poses": "world <- left optical frame of the camera; world z up",
         "frames": {"kept": len(shelf.paths), "dropped": shelf.dropped, **counts},
         "trajectory": located.statistics,
