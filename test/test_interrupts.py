@@ -45,6 +45,17 @@ def commands(stills: Path, out: Path) -> dict[str, list[str]]:
     }
 
 
+@pytest.mark.parametrize("words", [["--help"], ["--version"], ["no such verb"], ["info", "/nowhere"]])
+def test_the_interpreters_farewell_is_not_interrupted(words: list[str]) -> None:
+    """From when the command has ended until the process has: SIGINT would end it without a line."""
+    script = (
+        "import signal, sys\nfrom uw_recon_ros import executables\nexecutables.uw_recon()\n"
+        "sys.exit(77 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN else 1)"
+    )
+    done = subprocess.run([sys.executable, "-c", script, *words], capture_output=True, check=False)
+    assert done.returncode == 77, done.stderr.decode()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("command", ["help", "info", "pair", "survey", "simulate"])
 def test_ctrl_c_at_any_moment(command: str, stills: Path, tmp_path: Path) -> None:

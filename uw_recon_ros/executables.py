@@ -24,6 +24,8 @@ def uw_recon() -> int:
         code: int = import_module("uw_recon_ros.cli").main()
     except KeyboardInterrupt:
         code = signals.INTERRUPTED
+    except SystemExit as end:  # argparse's, after --help and wrong usage
+        code = end.code if isinstance(end.code, int) else int(end.code is not None)
     if signals.came():  # whatever became of the exception
         signals.leave_interrupted(code)
     signals.ignore_interrupts()  # the interpreter's farewell takes a while

@@ -21,10 +21,11 @@ def own_domain() -> int:
     Two runs on one domain hear each other's nodes: topics with two publishers, services with two servers.
     """
     for domain in random.SystemRandom().sample(range(1, 102), 101):
+        file = Path(tempfile.gettempdir(), f"uw_recon_test_domain_{domain}.lock").open("a")  # noqa: SIM115
         try:
-            file = Path(tempfile.gettempdir(), f"uw_recon_test_domain_{domain}.lock").open("a")  # noqa: SIM115
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
+            file.close()
             continue
         _reserved.append(file)
         return domain

@@ -90,14 +90,15 @@ def examine(bench: Bench) -> Iterator[Callable[..., Diagnosis]]:
     """Let the doctor look, for so long at most or until something is as expected."""
     probes: list[Probe] = []
 
-    def look(words: str = "", namespace: str = "", seconds: float = 25.0) -> Diagnosis:
+    def look(words: str = "", namespace: str = "", seconds: float = 120.0, table: str = "") -> Diagnosis:
         probe = Probe(surroundings(), namespace=namespace, context=bench.context)
         probes.append(probe)
         bench.executor.add_node(probe)
 
         def named() -> bool:
-            found = diagnose(probe.observation()).cause if probe.seconds > 2 else None
-            return found is not None and words in found.text
+            diagnosis = diagnose(probe.observation()) if probe.seconds > 2 else None
+            found = diagnosis and diagnosis.cause
+            return bool(diagnosis and found and words in found.text and table in as_table(diagnosis))
 
         if words:
             bench.spin_until(lambda: named() or probe.seconds > seconds)
@@ -265,7 +266,7 @@ def test_a_calibration_of_noughts(bench: Bench, rig: Rig, examine: Any) -> None:
     rig.zero_k = True
     rig.start()
     bench.start(PipelineNode, **FAST, given_limit_px=5.0)
-    diagnosis = examine("K is zero")
+    diagnosis = examine("K is zero", table="/points_unscaled comes instead")
     assert "/left/camera_info and /right/camera_info: K is zero (not calibrated)" in cause(diagnosis)
     assert "/points_unscaled comes instead" in as_table(diagnosis)
 
