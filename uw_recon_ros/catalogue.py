@@ -6,6 +6,7 @@ from uw_recon_ros.match.stage import MatchParams
 from uw_recon_ros.node_params import CameraParams, CloudParams, DisparityMessageParams, NodeParams, RateParams
 from uw_recon_ros.params import Params
 from uw_recon_ros.preprocess.stage import PreprocessParams
+from uw_recon_ros.reconstruct.obstacles import ObstacleParams
 from uw_recon_ros.reconstruct.stage import ReconstructParams
 from uw_recon_ros.rectify.stage import RectifyParams
 
@@ -14,6 +15,6 @@ NODES: dict[str, tuple[type[Params], ...]] = {
     "preprocess_node": (PreprocessParams, CameraParams),
     "rectify_node": (RectifyParams,),
     "disparity_node": (MatchParams, DisparityMessageParams, RateParams),
-    "point_cloud_node": (ReconstructParams, DisparityMessageParams, CloudParams),
+    "point_cloud_node": (ReconstructParams, ObstacleParams, DisparityMessageParams, CloudParams),
 }
 ALL_PARAMS: tuple[type[Params], ...] = tuple(dict.fromkeys([*(c for own in NODES.values() for c in own), NodeParams]))

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 CAMERAS = "cameras"  #: who publishes what goes in: drivers, or a bag
 IMAGE, COMPRESSED_IMAGE = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 CAMERA_INFO, POINT_CLOUD = "sensor_msgs/msg/CameraInfo", "sensor_msgs/msg/PointCloud2"
+LASER_SCAN, RANGE = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/Range"
 DISPARITY_IMAGE, MARKER = "stereo_msgs/msg/DisparityImage", "visualization_msgs/msg/Marker"
 SIDES = ("left", "right")
 
@@ -75,6 +76,10 @@ TOPICS = (
           metric=True),
     Topic("points2", POINT_CLOUD, _CLOUD, "Organised cloud, a point a pixel; may hold NaN.", unit="m", metric=True),
     Topic("points2_filtered", POINT_CLOUD, _CLOUD, "Dense cloud for navigation: range-limited, thinned to voxels.",
+          unit="m", metric=True),
+    Topic("obstacles", LASER_SCAN, _CLOUD, "Nearest trusted surface by direction; NaN = unknown; needs `base_frame`.",
+          unit="m", metric=True),
+    Topic("range", RANGE, _CLOUD, "Distance to the nearest trusted surface along `range_axis`; needs `base_frame`.",
           unit="m", metric=True),
     Topic("points_unscaled", POINT_CLOUD, _CLOUD, "Instead of all metric topics where the scale is unknown.",
           unit="baselines"),

@@ -22,7 +22,7 @@ from helpers.ros_bench import (
     mono,
     texture,
 )
-from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from sensor_msgs.msg import CameraInfo, Image, LaserScan, PointCloud2, Range
 from stereo_msgs.msg import DisparityImage
 from visualization_msgs.msg import Marker
 
@@ -321,3 +321,39 @@ def test_a_nan_baseline_never_becomes_metres(bench: Bench) -> None:
     matcher.topics[matcher.image].publish(color(LEFT, SECOND))
     bench.spin_until(lambda: unscaled)
     assert depth == []
+
+
+def test_an_autopilot_gets_metres_in_its_own_frame(bench: Bench) -> None:
+    """Bands of 17, 11 and 5 px: 0.88, 1.36 and 3 m; straight ahead lies the middle one."""
+    bench.start(
+        PointCloudNode, base_frame="base_link", camera_x_m=0.2, obstacle_field_deg=20.0, obstacle_min_height_m=-0.05,
+        obstacle_max_height_m=0.05, obstacle_max_relative_sigma=0.2, range_cone_deg=4.0,
+    )  # fmt: skip
+    scans, ranges = bench.listen(LaserScan, "obstacles"), bench.listen(Range, "range")
+    matcher = Matcher(bench)
+    matcher.connect()
+    matcher.send(5 * SECOND)
+    bench.spin_until(lambda: scans and ranges)
+    scan, seen = scans[0], ranges[0]
+    for message in (scan, seen):
+        assert (message.header.frame_id, messages.stamp_ns(message)) == ("base_link", 5 * SECOND)
+    assert len(scan.ranges) == 4
+    assert scan.angle_min + 3 * scan.angle_increment == pytest.approx(scan.angle_max, rel=1e-5)
+    assert min(scan.ranges) == pytest.approx(FOCAL * BASELINE / 11 + 0.2, rel=0.02)
+    assert seen.range == pytest.approx(FOCAL * BASELINE / 11, rel=0.02)
+    assert seen.min_range < seen.range < seen.max_range
+
+
+def test_an_autopilot_gets_nothing_without_its_frame_or_without_metres(bench: Bench) -> None:
+    node = bench.start(PointCloudNode)
+    scans, clouds = bench.listen(LaserScan, "obstacles"), bench.listen(PointCloud2, "points2")
+    unscaled = bench.listen(PointCloud2, "points_unscaled")
+    matcher = Matcher(bench)
+    matcher.connect()
+    matcher.send(5 * SECOND)
+    bench.spin_until(lambda: clouds)
+    said = {pair.key: pair.value for pair in node.diagnostics.tick("x").values}
+    assert "base_frame" in said["obstacles"]
+    matcher.send(6 * SECOND, metric=False)
+    bench.spin_until(lambda: unscaled)
+    assert scans == []

@@ -65,6 +65,10 @@ class BagFactory:
         """Numbers of an array."""
         return np.asarray(array, np.float64).ravel()
 
+    def floats(self, array: NDArray[Any]) -> Any:
+        """Numbers of an array."""
+        return np.asarray(array, np.float32).ravel()
+
     def _empty(self, kind: Any) -> Any:
         node, inner = kind
         if node is Nodetype.BASE:

@@ -18,3 +18,6 @@ class MessageFactory(Protocol):
 
     def doubles(self, array: NDArray[Any]) -> Any:
         """Numbers of an array as a field ``float64[]`` takes them."""
+
+    def floats(self, array: NDArray[Any]) -> Any:
+        """Numbers of an array as a field ``float32[]`` takes them."""

@@ -16,6 +16,7 @@ from uw_recon_ros.nodes import disparity_node, point_cloud_node, preprocess_node
 from uw_recon_ros.pipeline import Products, Stages
 from uw_recon_ros.preprocess.sequence import PreprocessSequence
 from uw_recon_ros.preprocess.stage import PreprocessParams
+from uw_recon_ros.reconstruct.obstacles import FindObstacles, ObstacleParams
 from uw_recon_ros.reconstruct.stage import Reconstruct, ReconstructParams
 from uw_recon_ros.rectify.stage import RectifyParams
 from uw_recon_ros.ros.message_groups import Group
@@ -42,6 +43,7 @@ class NodeStages(Stages):
 
     rectify: rectify_node.RigRectifier
     match: NodeMatcher
+    obstacles: FindObstacles
     params: ParameterSet
 
 
@@ -50,7 +52,7 @@ class PipelineNode(StageNode[NodeStages]):
 
     def __init__(self, **options: Any) -> None:
         own = (CameraParams, DisparityMessageParams, RateParams)
-        classes = (*own, PreprocessParams, RectifyParams, MatchParams, ReconstructParams)
+        classes = (*own, PreprocessParams, RectifyParams, MatchParams, ReconstructParams, ObstacleParams)
         super().__init__("pipeline_node", classes=classes, inputs=INPUTS, outputs=OUTPUTS, **options)
 
     def build(self, params: ParameterSet) -> NodeStages:
@@ -62,6 +64,7 @@ class PipelineNode(StageNode[NodeStages]):
             before.rectify if before and keep_rig else rectify_node.RigRectifier.make(params[RectifyParams]),
             NodeMatcher(params[MatchParams], params[RateParams]),
             Reconstruct(params[ReconstructParams]),
+            point_cloud_node.obstacle_finder(params),
             params,
         )
 
@@ -102,7 +105,9 @@ class PipelineNode(StageNode[NodeStages]):
         disparity, left = products.disparity, products.rectified.left
         disparity_node.report_disparity(self.diagnostics, disparity)
         disparity_node.publish_disparity(outputs, disparity, stage.params[DisparityMessageParams])
-        point_cloud_node.publish_reconstruction(outputs, self.diagnostics, stage.reconstruct, disparity, left)
+        point_cloud_node.publish_reconstruction(
+            outputs, self.diagnostics, stage.reconstruct, stage.obstacles, disparity, left
+        )
 
 
 def main(args: Sequence[str] | None = None) -> int:

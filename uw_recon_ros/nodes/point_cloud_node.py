@@ -10,6 +10,8 @@
 | `depth/camera_info` | CameraInfo | out |
 | `points2` | PointCloud2 | out: organised |
 | `points2_filtered` | PointCloud2 | out: range-limited, thinned |
+| `obstacles` | LaserScan | out, with `base_frame`: nearest trusted surface in each direction |
+| `range` | Range | out, with `base_frame`: distance along one axis |
 | `points_unscaled` | PointCloud2 | out instead of all of these, where no metric scale is known |
 | `surface` | visualization_msgs/Marker | out: triangles, transient local |
 """
@@ -22,19 +24,27 @@ from typing import Any, NamedTuple
 
 from uw_recon_ros.calibration.judge import judge_depths
 from uw_recon_ros.node_params import CloudParams, DisparityMessageParams
+from uw_recon_ros.reconstruct.obstacles import FindObstacles, ObstacleParams
 from uw_recon_ros.reconstruct.stage import Reconstruct, ReconstructParams
 from uw_recon_ros.ros.declarations import Input, input_topic, outputs_of
 from uw_recon_ros.ros.diagnostics import Diagnostics
 from uw_recon_ros.ros.geometry import check_size, geometry_from_infos
 from uw_recon_ros.ros.message_groups import Group
-from uw_recon_ros.ros.messages import cloud_message, depth_messages, disparity_from_message, surface_message
+from uw_recon_ros.ros.messages import (
+    cloud_message,
+    depth_messages,
+    disparity_from_message,
+    range_message,
+    scan_message,
+    surface_message,
+)
 from uw_recon_ros.ros.node import StageNode
 from uw_recon_ros.ros.outputs import Outputs
 from uw_recon_ros.ros.pairs import color_image, expect_size
 from uw_recon_ros.ros.parameters import ParameterSet
 from uw_recon_ros.ros.process import run
 from uw_recon_ros.topics import SIDES, published_by
-from uw_recon_ros.types import ByteImage, DisparityMap
+from uw_recon_ros.types import ByteImage, DepthMap, DisparityMap
 
 INPUTS = (
     Input("status", (input_topic("disparity/status"),), "optional"),
@@ -44,22 +54,47 @@ INPUTS = (
     Input("disparity", (input_topic("disparity"),)),
 )
 METRIC = tuple(topic.name for topic in published_by("point_cloud_node") if topic.metric)
+FOR_AUTOPILOTS = ("obstacles", "range")
 UNSCALED = "points_unscaled"
 OUTPUTS = outputs_of("point_cloud_node")
 _NO_SCALE = f"metric scale unknown: {UNSCALED} instead of depth and points2 (calibrate, or set baseline_m and focal_px)"
+_NO_BASE = (
+    "not published: expected base_frame, got none; set it and where the left camera sits in it (camera_x_m to "
+    "camera_yaw_deg)"
+)
 
 
 class CloudStage(NamedTuple):
     """The stage, and what is assumed of an outsider's disparities."""
 
     reconstruct: Reconstruct
+    obstacles: FindObstacles
     assumed_sigma_px: float
     adjusted: bool
 
 
+def obstacle_finder(params: ParameterSet) -> FindObstacles:
+    """What finds obstacles, within the filtered cloud's limits."""
+    cloud = params[ReconstructParams]
+    return FindObstacles(params[ObstacleParams], cloud.cloud_min_range, cloud.cloud_max_range)
+
+
+def publish_obstacles(outputs: Outputs, diagnostics: Diagnostics, find: FindObstacles, depth: DepthMap) -> None:
+    """Tell an autopilot of what is trusted, and of nothing else."""
+    if not outputs.wanted(*FOR_AUTOPILOTS):
+        return
+    placed = bool(find.params.base_frame)
+    diagnostics.say(obstacles="published" if placed else _NO_BASE)  # no warning: recorders listen to everything
+    if placed:
+        outputs.send("obstacles", lambda: scan_message(find.sectors(depth)))
+        if outputs.wanted("range") and (seen := find.along_axis(depth)) is not None:
+            outputs.send("range", lambda: range_message(seen))
+
+
 def publish_reconstruction(
-    outputs: Outputs, diagnostics: Diagnostics, stage: Reconstruct, disparity: DisparityMap, left: ByteImage
-) -> None:
+    outputs: Outputs, diagnostics: Diagnostics, stage: Reconstruct, find: FindObstacles,
+    disparity: DisparityMap, left: ByteImage,
+) -> None:  # fmt: skip
     """Compute what is listened to, and publish it: metres only where they are true."""
     metric = disparity.geometry.metric
     diagnostics.say(scale="metric" if metric else "unknown")
@@ -77,6 +112,7 @@ def publish_reconstruction(
             cloud = stage.cloud(depth, left)
             outputs.send("points2", lambda: cloud_message(cloud))
             outputs.send("points2_filtered", lambda: cloud_message(stage.thin(cloud)))
+        publish_obstacles(outputs, diagnostics, find, depth)
     else:
         outputs.send(UNSCALED, lambda: cloud_message(stage.cloud(depth, left)))
     outputs.send("surface", lambda: surface_message(stage.surface(depth, left)))
@@ -86,13 +122,14 @@ class PointCloudNode(StageNode[CloudStage]):
     """Turns disparities into depth, clouds and surfaces."""
 
     def __init__(self, **options: Any) -> None:
-        classes = (DisparityMessageParams, CloudParams, ReconstructParams)
+        classes = (DisparityMessageParams, CloudParams, ReconstructParams, ObstacleParams)
         super().__init__("point_cloud_node", classes=classes, inputs=INPUTS, outputs=OUTPUTS, **options)
 
     def build(self, params: ParameterSet) -> CloudStage:
         """Make the stage."""
         adjusted = params[DisparityMessageParams].disparity_adjusted
-        return CloudStage(Reconstruct(params[ReconstructParams]), params[CloudParams].assumed_sigma_px, adjusted)
+        stage = Reconstruct(params[ReconstructParams])
+        return CloudStage(stage, obstacle_finder(params), params[CloudParams].assumed_sigma_px, adjusted)
 
     def adapt_inputs(self, params: ParameterSet) -> None:
         """Give the images room to wait for a disparity that takes its time."""
@@ -108,7 +145,7 @@ class PointCloudNode(StageNode[CloudStage]):
         left = color_image(group["left"])
         expect_size("rectified left image", left, disparity.disparity)
         check_size(group["left_info"], left.shape)
-        publish_reconstruction(outputs, self.diagnostics, stage.reconstruct, disparity, left)
+        publish_reconstruction(outputs, self.diagnostics, stage.reconstruct, stage.obstacles, disparity, left)
         return disparity.stamp_ns
 
 

@@ -61,6 +61,10 @@ class RosFactory:
         """Numbers of an array."""
         return array("d", np.asarray(contents, np.float64).ravel().tolist())
 
+    def floats(self, contents: NDArray[Any]) -> Any:
+        """Numbers of an array."""
+        return array("f", np.asarray(contents, np.float32).ravel().tolist())
+
 
 #: The one there needs to be.
 MAKE = RosFactory()

@@ -1,0 +1,124 @@
+"""Obstacles and range of simulated dives against the dives' truth.
+
+Usage: python test/benchmark/obstacles.py [--frames 10] [--size 640x480] [--output FILE.json]
+
+A rig that looks slightly down swims at things that lie on the bottom, in several waters; navigation's matcher. For each
+dive, over the sectors of all its frames:
+
+- false: told nearer than the nearest true surface of that sector and its neighbours, up to 0.1 m above and below the
+  slice of heights, by more than 15 % and 0.1 m;
+- seen: of the sectors whose nearest true surface within the image is closer than 3 m, how many are told, within 15 %
+  or 0.1 m;
+- range: median of |told - true| / true of the distance down, and frames without one, in percent.
+
+The truth is the simulator's depth, searched without the code under test.
+"""
+
+# ruff: noqa: T201
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from uw_recon_ros.pipeline import Pipeline, PipelineParams, read_values
+from uw_recon_ros.reconstruct.obstacles import FindObstacles, ObstacleParams, base_from_optical
+from uw_recon_ros.simulate.dive import Dive
+from uw_recon_ros.simulate.params import SimulateParams
+from uw_recon_ros.types import StereoPair
+
+SCENES, WATERS = ("pipe", "amphora", "reef"), ("I", "3C", "7C")
+PITCH_DEG = 25.0
+PARAMS = ObstacleParams(
+    base_frame="base_link", camera_pitch_deg=PITCH_DEG, obstacle_field_deg=60.0, obstacle_min_height_m=-0.45,
+    range_axis="down", range_cone_deg=90.0,
+)  # fmt: skip
+NAVIGATION = Path(__file__).resolve().parents[2] / "config" / "navigation.yaml"
+NEAR_M, SHARE, SLACK_M = 3.0, 0.15, 0.1
+
+
+def true_sectors(depth: np.ndarray, geometry: Any, slack_m: float = 0.0) -> tuple[np.ndarray, float]:
+    """Nearest true surface by sector, in a slice higher and deeper by `slack_m`, and the nearest one down."""
+    k = geometry.intrinsics_left
+    v, u = np.mgrid[: depth.shape[0], : depth.shape[1]]
+    rays = np.stack([(u - k[0, 2]) / k[0, 0], (v - k[1, 2]) / k[1, 1], np.ones(depth.shape)], axis=-1)
+    optical = (rays * depth[..., None]) @ np.asarray(geometry.rect_from_raw_left)
+    base = (optical @ base_from_optical(PARAMS).T)[np.isfinite(depth)]
+    down = -base[:, 2]
+    in_cone = down > np.cos(np.deg2rad(PARAMS.range_cone_deg / 2)) * np.linalg.norm(base, axis=1)
+    low, high = PARAMS.obstacle_min_height_m - slack_m, PARAMS.obstacle_max_height_m + slack_m
+    level = base[(base[:, 2] >= low) & (base[:, 2] <= high)]
+    number = round(PARAMS.obstacle_field_deg / PARAMS.obstacle_sector_deg)
+    bearing = (
+        np.rad2deg(np.arctan2(level[:, 1], level[:, 0])) + PARAMS.obstacle_field_deg / 2
+    ) / PARAMS.obstacle_sector_deg
+    flat = np.hypot(level[:, 0], level[:, 1])
+    nearest = [min(flat[(bearing >= i) & (bearing < i + 1)], default=np.nan) for i in range(number)]
+    return np.array(nearest), min(down[in_cone], default=np.nan)
+
+
+def run(scene: str, water: str, frames: int, size: tuple[int, int]) -> dict[str, float]:
+    """Errors of one dive."""
+    dive = Dive(SimulateParams(
+        scene=scene, water=water, frames=frames, pitch_deg=PITCH_DEG, distance_m=1.6, speed_m_s=0.2, rate_hz=2.0,
+        width=size[0], height=size[1], seed=3,
+    ))  # fmt: skip
+    pipeline, find = Pipeline(PipelineParams.from_mapping(read_values(NAVIGATION))), FindObstacles(PARAMS)
+    false = told = near = seen = 0
+    errors: list[float] = []
+    for index in range(frames):
+        frame = dive.frame(index)
+        raw = StereoPair(frame.left, frame.right, stamp_ns=frame.stamp_ns, calibration=dive.calibration)
+        depth = pipeline(raw).depth
+        true_depth = dive.true_depth(index, depth.geometry, *size)
+        truth, below = true_sectors(true_depth, depth.geometry)
+        nearby, _ = true_sectors(true_depth, depth.geometry, SLACK_M)
+        sectors = find.sectors(depth).ranges
+        padded = np.pad(np.nan_to_num(nearby, nan=np.inf), 1, constant_values=np.inf)
+        around = np.minimum(np.minimum(padded[:-2], padded[1:-1]), padded[2:])
+        finite = np.isfinite(sectors)
+        told += int(finite.sum())
+        false += int((sectors[finite] < np.minimum(around[finite] * (1 - SHARE), around[finite] - SLACK_M)).sum())
+        close = truth < NEAR_M
+        near += int(close.sum())
+        seen += int((np.abs(sectors[close] - truth[close]) <= np.maximum(SLACK_M, SHARE * truth[close])).sum())
+        down = find.along_axis(depth)
+        errors.append(abs(down.distance - below) / below if down is not None else np.nan)
+    return {
+        "told": told, "false_percent": 100 * false / max(told, 1),
+        "near": near, "seen_percent": 100 * seen / max(near, 1),
+        "range_error_percent": float(100 * np.nanmedian(errors)) if np.isfinite(errors).any() else float("nan"),
+        "no_range_percent": float(100 * np.isnan(errors).mean()),
+    }  # fmt: skip
+
+
+def main() -> int:
+    """Run all dives; return the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--frames", type=int, default=10)
+    parser.add_argument("--size", default="640x480")
+    parser.add_argument("--output", type=Path)
+    args = parser.parse_args()
+    width, height = map(int, args.size.split("x"))
+    print("scene    water  told  false %  near  seen %  range err %  no range %")
+    table = {}
+    for scene, water in itertools.product(SCENES, WATERS):
+        row = table[f"{scene} {water}"] = run(scene, water, args.frames, (width, height))
+        print(
+            f"{scene:8} {water:5} {row['told']:5.0f} {row['false_percent']:8.2f} {row['near']:5.0f} "
+            f"{row['seen_percent']:7.1f} {row['range_error_percent']:12.2f} {row['no_range_percent']:11.1f}",
+            flush=True,
+        )
+    if args.output:
+        args.output.write_text(json.dumps(table, indent=1) + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,152 @@
+"""Obstacles and range, on scenes whose distances are known by construction."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from uw_recon_ros.reconstruct.obstacles import FindObstacles, ObstacleParams, base_from_optical, nearest_agreed
+from uw_recon_ros.types import DepthMap, StereoGeometry
+
+WIDTH, HEIGHT, FOCAL = 160, 120, 100.0
+GEOMETRY = StereoGeometry(FOCAL, WIDTH / 2, WIDTH / 2, HEIGHT / 2, 0.1)
+
+
+def depth_map(depth: np.ndarray, sigma: float = 0.01, geometry: StereoGeometry = GEOMETRY) -> DepthMap:
+    depth = depth.astype(np.float32)
+    return DepthMap(
+        depth, np.full_like(depth, sigma), np.zeros(depth.shape, np.uint8), geometry, 7, "left_optical_frame"
+    )
+
+
+def wall(distance: float) -> np.ndarray:
+    return np.full((HEIGHT, WIDTH), distance)
+
+
+def finder(**params: object) -> FindObstacles:
+    return FindObstacles(ObstacleParams(base_frame="base_link", **params))
+
+
+def direction(sectors, index: int) -> float:
+    return sectors.first_rad + index * sectors.step_rad
+
+
+def test_a_wall_ahead_is_as_far_in_each_sector_as_geometry_says() -> None:
+    sectors = finder(obstacle_field_deg=60.0).sectors(depth_map(wall(2.0)))
+    assert (sectors.frame_id, sectors.stamp_ns, len(sectors.ranges)) == ("base_link", 7, 12)
+    for index, distance in enumerate(sectors.ranges):
+        nearest = abs(direction(sectors, index)) - sectors.step_rad / 2
+        assert distance == pytest.approx(2.0 / np.cos(nearest), rel=0.01)
+
+
+def test_left_is_left_and_beside_it_is_unknown() -> None:
+    depth = np.full((HEIGHT, WIDTH), np.nan)
+    depth[:, :20] = 1.5
+    sectors = finder(obstacle_field_deg=90.0).sectors(depth_map(depth))
+    seen = [direction(sectors, i) for i in np.flatnonzero(np.isfinite(sectors.ranges))]
+    assert seen
+    assert min(seen) > 0.5  # counterclockwise: to the left
+
+
+def test_for_mavros_left_and_right_change_places_and_the_frame_says_so() -> None:
+    depth = np.full((HEIGHT, WIDTH), np.nan)
+    depth[:, :20] = 1.5
+    ours, theirs = (finder(obstacle_axes=axes).sectors(depth_map(depth)) for axes in ("flu", "frd"))
+    np.testing.assert_array_equal(ours.ranges, theirs.ranges[::-1])
+    assert (ours.frame_id, theirs.frame_id) == ("base_link", "base_link_frd")
+
+
+@pytest.mark.parametrize(
+    ("params", "offset"),
+    [({"camera_x_m": 0.4}, 0.4), ({"camera_x_m": -0.3}, -0.3)],
+)
+def test_distances_are_from_the_base(params: dict[str, float], offset: float) -> None:
+    sectors = finder(obstacle_field_deg=10.0, obstacle_sector_deg=10.0, **params).sectors(depth_map(wall(2.0)))
+    assert sectors.ranges[0] == pytest.approx(2.0 + offset, rel=0.01)
+
+
+def test_what_lies_above_and_below_is_no_obstacle() -> None:
+    depth = np.full((HEIGHT, WIDTH), np.nan)
+    depth[-20:] = 1.0  # 0.4 to 0.6 m below the camera
+    found = finder(obstacle_min_height_m=-0.3).sectors(depth_map(depth)).ranges
+    assert np.isnan(found).all()
+    assert np.isfinite(finder(obstacle_min_height_m=-0.7).sectors(depth_map(depth)).ranges).any()
+    raised = finder(obstacle_min_height_m=-0.3, camera_z_m=0.5).sectors(depth_map(depth)).ranges
+    assert np.isfinite(raised).any()
+
+
+def test_uncertain_depths_and_a_few_pixels_tell_nothing() -> None:
+    assert np.isnan(finder().sectors(depth_map(wall(2.0), sigma=0.2)).ranges).all()
+    depth = np.full((HEIGHT, WIDTH), np.nan)
+    depth[60, 80:83] = 1.0
+    assert np.isnan(finder().sectors(depth_map(depth)).ranges).all()
+    assert finder().along_axis(depth_map(depth)) is None
+
+
+def test_range_ahead_and_down() -> None:
+    ahead = finder().along_axis(depth_map(wall(2.0), sigma=0.03))
+    assert ahead is not None
+    assert (ahead.distance, ahead.sigma) == (pytest.approx(2.0), pytest.approx(0.03, rel=0.02))
+    assert finder(range_axis="down").along_axis(depth_map(wall(2.0))) is None
+    down = finder(range_axis="down", camera_pitch_deg=90.0).along_axis(depth_map(wall(2.0)))
+    assert down is not None
+    assert down.distance == pytest.approx(2.0)
+
+
+def test_a_slanted_camera_measures_the_height_over_a_level_floor() -> None:
+    """Depth of the plane z = -1.2 m under a camera that looks down by 50 degrees, by a ray tracer of its own."""
+    params = ObstacleParams(base_frame="base_link", camera_pitch_deg=50.0, range_axis="down", range_cone_deg=40.0)
+    v, u = np.mgrid[:HEIGHT, :WIDTH]
+    rays = np.stack([(u - WIDTH / 2) / FOCAL, (v - HEIGHT / 2) / FOCAL, np.ones_like(u, float)], axis=-1)
+    down = -(rays @ base_from_optical(params).T)[..., 2]
+    depth = np.where(down > 0.05, 1.2 / np.maximum(down, 0.05), np.nan)
+    found = FindObstacles(params).along_axis(depth_map(depth))
+    assert found is not None
+    assert found.distance == pytest.approx(1.2, rel=1e-3)
+
+
+def test_the_mounting_turns_as_rep_103_says() -> None:
+    ahead = np.array([0.0, 0.0, 1.0])
+    right = np.array([1.0, 0.0, 0.0])
+    assert base_from_optical(ObstacleParams()) @ ahead == pytest.approx([1, 0, 0])
+    assert base_from_optical(ObstacleParams(camera_pitch_deg=90.0)) @ ahead == pytest.approx([0, 0, -1], abs=1e-12)
+    assert base_from_optical(ObstacleParams(camera_yaw_deg=90.0)) @ ahead == pytest.approx([0, 1, 0], abs=1e-12)
+    assert base_from_optical(ObstacleParams(camera_roll_deg=90.0)) @ right == pytest.approx([0, 0, -1], abs=1e-12)
+
+
+def test_without_a_scale_there_is_nothing_to_tell() -> None:
+    unscaled = depth_map(wall(2.0), geometry=GEOMETRY.unscaled)
+    for tell in (finder().sectors, finder().along_axis):
+        with pytest.raises(ValueError, match="expected a metric"):
+            tell(unscaled)
+
+
+@given(
+    st.lists(st.tuples(st.floats(0.1, 20.0), st.integers(0, 3)), max_size=40),
+    st.integers(1, 5),
+)
+def test_the_nearest_agreed_is_what_a_search_finds(pairs: list[tuple[float, int]], fewest: int) -> None:
+    distances = np.array([d for d, _ in pairs])
+    groups = np.array([g for _, g in pairs], np.int64)
+    expected = []
+    for group in range(4):
+        own = [d for d, g in pairs if g == group]
+        agreed = [d for d in own if sum(d <= other <= d * 1.1 for other in own) >= fewest]
+        expected.append(min(agreed, default=np.nan))
+    np.testing.assert_array_equal(nearest_agreed(distances, groups, 4, fewest), expected)
+
+
+@given(st.floats(-180, 180), st.floats(-90, 90), st.floats(-180, 180))
+def test_mountings_are_rotations(roll: float, pitch: float, yaw: float) -> None:
+    matrix = base_from_optical(ObstacleParams(camera_roll_deg=roll, camera_pitch_deg=pitch, camera_yaw_deg=yaw))
+    assert Rotation.from_matrix(matrix).as_matrix() == pytest.approx(matrix, abs=1e-9)
+
+
+def test_contradictory_parameters_are_refused() -> None:
+    with pytest.raises(ValueError, match="obstacle_min_height_m"):
+        ObstacleParams(obstacle_min_height_m=1.0, obstacle_max_height_m=0.0)
+    with pytest.raises(ValueError, match="obstacle_sector_deg"):
+        ObstacleParams(obstacle_sector_deg=20.0, obstacle_field_deg=10.0)

@@ -1,0 +1,255 @@
+"""What an autopilot understands: the nearest trusted surface in each direction, and the distance along one axis.
+
+Both are silent rather than wrong: a direction in which no trusted surface was seen is unknown, not free.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from uw_recon_ros.params import Params, param
+from uw_recon_ros.reconstruct.triangulation import points_from_depth
+from uw_recon_ros.types import DepthMap, Matrix
+
+#: Columns: the optical frame's x (right), y (down), z (ahead) in a body's x ahead, y left, z up (REP 103).
+_BODY_FROM_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+_AXES = {"forward": (1.0, 0.0, 0.0), "down": (0.0, 0.0, -1.0), "up": (0.0, 0.0, 1.0)}
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ObstacleParams(Params):
+    """What `obstacles` and `range` can be told. Defaults: ``test/benchmark/obstacles.py``."""
+
+    base_frame: str = param(
+        "", "Frame of obstacles and range, x ahead, y left, z up (REP 103); empty: neither is published."
+    )
+    camera_x_m: float = param(0.0, "Left camera in base_frame, ahead.", unit="m", low=-100.0, high=100.0)
+    camera_y_m: float = param(0.0, "Left camera in base_frame, to the left.", unit="m", low=-100.0, high=100.0)
+    camera_z_m: float = param(0.0, "Left camera in base_frame, up.", unit="m", low=-100.0, high=100.0)
+    camera_roll_deg: float = param(
+        0.0,
+        "Left camera turned about its line of sight, clockwise seen from behind.",
+        unit="deg",
+        low=-180.0,
+        high=180.0,
+    )
+    camera_pitch_deg: float = param(
+        0.0, "Left camera looking down by this; 0 looks ahead, 90 straight down.", unit="deg", low=-90.0, high=90.0
+    )
+    camera_yaw_deg: float = param(0.0, "Left camera turned to the left by this.", unit="deg", low=-180.0, high=180.0)
+    obstacle_min_height_m: float = param(
+        -0.5, "Lowest point that counts as an obstacle, in base_frame.", unit="m", low=-100.0, high=100.0
+    )
+    obstacle_max_height_m: float = param(
+        0.5, "Highest point that counts as an obstacle, in base_frame.", unit="m", low=-100.0, high=100.0
+    )
+    obstacle_field_deg: float = param(
+        90.0,
+        "Angle that obstacles cover, half of it to either side of straight ahead.",
+        unit="deg",
+        low=1.0,
+        high=360.0,
+    )
+    obstacle_axes: str = param(
+        "flu",
+        "flu: sectors go to the left, in base_frame; frd: to the right, in base_frame_frd, as mavros passes them on.",
+        choices=("flu", "frd"),
+    )
+    obstacle_sector_deg: float = param(5.0, "Angle of one sector of obstacles.", unit="deg", low=0.5, high=90.0)
+    obstacle_min_share: float = param(
+        2e-4, "Share of the image's pixels that must agree on a distance before it is told.", low=0.0, high=1.0
+    )
+    obstacle_max_relative_sigma: float = param(
+        0.05, "Depths less certain than this share of themselves tell of no obstacle.", low=0.001, high=1.0
+    )
+    range_axis: str = param("forward", "Direction in which range is measured, in base_frame.", choices=tuple(_AXES))
+    range_cone_deg: float = param(10.0, "Full angle of the cone in which range looks.", unit="deg", low=0.5, high=90.0)
+
+    def check_together(self) -> None:
+        """Heights must leave a slice, and the field hold a sector."""
+        if self.obstacle_min_height_m >= self.obstacle_max_height_m:
+            raise ValueError(
+                "obstacle_min_height_m, obstacle_max_height_m: expected the first below the second, "
+                f"got {self.obstacle_min_height_m:g} and {self.obstacle_max_height_m:g} m"
+            )
+        if self.obstacle_sector_deg > self.obstacle_field_deg:
+            raise ValueError(
+                f"obstacle_sector_deg: expected at most obstacle_field_deg = {self.obstacle_field_deg:g} deg, "
+                f"got {self.obstacle_sector_deg:g}"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Sectors:
+    """The nearest trusted surface in each sector of a horizontal fan.
+
+    Parameters
+    ----------
+    ranges : (N,) float64
+        Horizontal distance from the origin of `frame_id`, m; NaN: nothing trusted was seen there, which is not free.
+    first_rad, step_rad : float
+        Direction of the middle of the first sector, and between neighbours: about z, from x to y.
+    min_range, max_range : float
+        m; what may be told.
+    stamp_ns : int
+    frame_id : str
+    """
+
+    ranges: Floats
+    first_rad: float
+    step_rad: float
+    min_range: float
+    max_range: float
+    stamp_ns: int
+    frame_id: str
+
+
+@dataclass(frozen=True)
+class AxisRange:
+    """The distance along one axis.
+
+    Parameters
+    ----------
+    distance, sigma : float
+        m, from the left camera along the axis, and its standard deviation.
+    cone_rad : float
+        Full angle of the cone that was looked at.
+    min_range, max_range : float
+        m; what may be told.
+    stamp_ns : int
+    frame_id : str
+    """
+
+    distance: float
+    sigma: float
+    cone_rad: float
+    min_range: float
+    max_range: float
+    stamp_ns: int
+    frame_id: str
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """Trusted points: (N, 3) from the camera in the base's directions, and (N,) standard deviation along the ray, m."""
+
+    offsets: Floats
+    sigma: Floats
+
+
+@dataclass(frozen=True)
+class FindObstacles:
+    """Obstacles and range of one depth map. Pure: the same input gives the same bits.
+
+    Parameters
+    ----------
+    params : ObstacleParams
+    min_range, max_range : float
+        m, along the ray: those of the filtered cloud.
+    """
+
+    params: ObstacleParams = field(default_factory=ObstacleParams)
+    min_range: float = 0.1
+    max_range: float = 20.0
+
+    def sectors(self, depth: DepthMap) -> Sectors:
+        """The nearest trusted surface in each sector.
+
+        Parameters
+        ----------
+        depth : DepthMap
+            Metric.
+
+        Raises
+        ------
+        ValueError
+            The scale is unknown.
+        """
+        p, seen = self.params, self._seen(depth)
+        points = seen.offsets + np.array([p.camera_x_m, p.camera_y_m, p.camera_z_m])
+        points = points[(points[:, 2] >= p.obstacle_min_height_m) & (points[:, 2] <= p.obstacle_max_height_m)]
+        number = round(p.obstacle_field_deg / p.obstacle_sector_deg)
+        step = np.deg2rad(p.obstacle_field_deg) / number
+        first = -np.deg2rad(p.obstacle_field_deg) / 2
+        clockwise = p.obstacle_axes == "frd"
+        bearing = np.arctan2(-points[:, 1] if clockwise else points[:, 1], points[:, 0])
+        sector = np.floor((bearing - first) / step).astype(np.int64)
+        inside = (sector >= 0) & (sector < number)
+        flat = np.hypot(points[:, 0], points[:, 1])
+        frame = p.base_frame + "_frd" if clockwise else p.base_frame
+        ranges = nearest_agreed(flat[inside], sector[inside], number, self._fewest(depth))
+        return Sectors(ranges, first + step / 2, step, self.min_range, self.max_range, depth.stamp_ns, frame)
+
+    def along_axis(self, depth: DepthMap) -> AxisRange | None:
+        """The distance along the axis; None where nothing trusted lies in the cone. Raises as `sectors`."""
+        p, seen = self.params, self._seen(depth)
+        along = seen.offsets @ np.array(_AXES[p.range_axis])
+        cone = np.deg2rad(p.range_cone_deg)
+        inside = along > np.cos(cone / 2) * np.linalg.norm(seen.offsets, axis=1)
+        along, sigma = along[inside], seen.sigma[inside]
+        (nearest,) = nearest_agreed(along, np.zeros(len(along), np.int64), 1, self._fewest(depth))
+        if not np.isfinite(nearest):
+            return None
+        agreeing = (along >= nearest) & (along <= nearest * (1 + _AGREEMENT))
+        return AxisRange(
+            float(nearest), float(np.median(sigma[agreeing])), float(cone), self.min_range, self.max_range,
+            depth.stamp_ns, p.base_frame,
+        )  # fmt: skip
+
+    def _fewest(self, depth: DepthMap) -> int:
+        return max(1, round(self.params.obstacle_min_share * depth.depth.size))
+
+    def _seen(self, depth: DepthMap) -> _Seen:
+        if not depth.geometry.metric:
+            raise ValueError("obstacles and range: expected a metric depth map, got one of unknown scale")
+        with np.errstate(invalid="ignore"):
+            trusted = depth.sigma <= np.float32(self.params.obstacle_max_relative_sigma) * depth.depth
+        points = points_from_depth(depth.depth, depth.geometry)[trusted].astype(np.float64)
+        lengths = np.linalg.norm(points, axis=1)
+        near = (lengths >= self.min_range) & (lengths <= self.max_range)
+        along_ray = depth.sigma[trusted][near] / depth.depth[trusted][near] * lengths[near]
+        return _Seen(points[near] @ base_from_optical(self.params).T, along_ray)
+
+
+#: Distances within this share of the nearest one agree with it.
+_AGREEMENT = 0.1
+
+
+def base_from_optical(params: ObstacleParams) -> Matrix:
+    """(3, 3) rotation from the left optical frame to `base_frame`: yaw, pitch, roll, each about the turned axis."""
+    angles = [params.camera_yaw_deg, params.camera_pitch_deg, params.camera_roll_deg]
+    rotation: Matrix = Rotation.from_euler("ZYX", angles, degrees=True).as_matrix() @ _BODY_FROM_OPTICAL
+    return rotation
+
+
+def nearest_agreed(distances: Floats, groups: NDArray[np.int64], number: int, fewest: int) -> Floats:
+    """The smallest distance of each group that `fewest` agree on: as many lie within a tenth beyond it.
+
+    Parameters
+    ----------
+    distances : (N,) float64
+        Positive.
+    groups : (N,) int64
+        From 0 to `number` - 1.
+    number, fewest : int
+
+    Returns
+    -------
+    (number,) float64
+        NaN where there is none.
+    """
+    order = np.lexsort((distances, groups))
+    distance, group = distances[order], groups[order]
+    nearest = np.full(number, np.nan)
+    if len(distance) >= fewest:
+        last = len(distance) - fewest + 1
+        agreed = (group[:last] == group[fewest - 1 :]) & (distance[fewest - 1 :] <= distance[:last] * (1 + _AGREEMENT))
+        found, first = np.unique(group[:last][agreed], return_index=True)
+        nearest[found] = distance[:last][agreed][first]
+    return nearest
