@@ -509,3 +509,53 @@ class Surface:
     metric: bool = False
     stamp_ns: int = 0
     frame_id: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Sectors:
+    """The nearest trusted surface in each sector of a horizontal fan.
+
+    Parameters
+    ----------
+    ranges : (N,) float64
+        Horizontal distance from the origin of `frame_id`, m; NaN: nothing trusted was seen there, which is not free.
+    first_rad, step_rad : float
+        Direction of the middle of the first sector, and between neighbours: about z, from x to y.
+    min_range, max_range : float
+        m; what may be told.
+    stamp_ns : int
+    frame_id : str
+    """
+
+    ranges: NDArray[np.float64]
+    first_rad: float
+    step_rad: float
+    min_range: float
+    max_range: float
+    stamp_ns: int
+    frame_id: str
+
+
+@dataclass(frozen=True)
+class AxisRange:
+    """The distance along one axis.
+
+    Parameters
+    ----------
+    distance, sigma : float
+        m, from the left camera along the axis, and its standard deviation.
+    cone_rad : float
+        Full angle of the cone that was looked at.
+    min_range, max_range : float
+        m; what may be told.
+    stamp_ns : int
+    frame_id : str
+    """
+
+    distance: float
+    sigma: float
+    cone_rad: float
+    min_range: float
+    max_range: float
+    stamp_ns: int
+    frame_id: str

@@ -8,7 +8,7 @@ import numpy as np
 
 from uw_recon_ros.messages.factory import MessageFactory
 from uw_recon_ros.messages.headers import header
-from uw_recon_ros.reconstruct.obstacles import AxisRange, Sectors
+from uw_recon_ros.types import AxisRange, Sectors
 
 SCAN, RANGE = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/Range"
 _LIGHT = 1  # sensor_msgs/Range.INFRARED: measured by light, not by sound

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from uw_recon_ros.params import Params, param
 from uw_recon_ros.reconstruct.triangulation import points_from_depth
-from uw_recon_ros.types import DepthMap, Matrix
+from uw_recon_ros.types import AxisRange, DepthMap, Matrix, Sectors
 
 #: Columns: the optical frame's x (right), y (down), z (ahead) in a body's x ahead, y left, z up (REP 103).
 _BODY_FROM_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -83,56 +83,6 @@ class ObstacleParams(Params):
                 f"obstacle_sector_deg: expected at most obstacle_field_deg = {self.obstacle_field_deg:g} deg, "
                 f"got {self.obstacle_sector_deg:g}"
             )
-
-
-@dataclass(frozen=True, eq=False)
-class Sectors:
-    """The nearest trusted surface in each sector of a horizontal fan.
-
-    Parameters
-    ----------
-    ranges : (N,) float64
-        Horizontal distance from the origin of `frame_id`, m; NaN: nothing trusted was seen there, which is not free.
-    first_rad, step_rad : float
-        Direction of the middle of the first sector, and between neighbours: about z, from x to y.
-    min_range, max_range : float
-        m; what may be told.
-    stamp_ns : int
-    frame_id : str
-    """
-
-    ranges: Floats
-    first_rad: float
-    step_rad: float
-    min_range: float
-    max_range: float
-    stamp_ns: int
-    frame_id: str
-
-
-@dataclass(frozen=True)
-class AxisRange:
-    """The distance along one axis.
-
-    Parameters
-    ----------
-    distance, sigma : float
-        m, from the left camera along the axis, and its standard deviation.
-    cone_rad : float
-        Full angle of the cone that was looked at.
-    min_range, max_range : float
-        m; what may be told.
-    stamp_ns : int
-    frame_id : str
-    """
-
-    distance: float
-    sigma: float
-    cone_rad: float
-    min_range: float
-    max_range: float
-    stamp_ns: int
-    frame_id: str
 
 
 @dataclass(frozen=True, eq=False)
