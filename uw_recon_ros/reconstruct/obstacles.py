@@ -58,7 +58,7 @@ class ObstacleParams(Params):
     )
     obstacle_axes: str = param(
         "flu",
-        "flu: sectors go to the left, in base_frame; frd: to the right, in base_frame_frd, as mavros passes them on.",
+        "Sectors go to the left, in base_frame (flu), or to the right, in base_frame_frd (frd), as mavros takes them.",
         choices=("flu", "frd"),
     )
     obstacle_sector_deg: float = param(5.0, "Angle of one sector of obstacles.", unit="deg", low=0.5, high=90.0)
