@@ -17,6 +17,7 @@ MESSAGES += ["rosgraph-msgs", "lifecycle-msgs"]
 #: Rooms that hold parts of pages.
 PAGES = ["report", "survey"]
 DASK, LAZ = ["distributed>=2024.1"], ["laspy>=2.5", "lazrs>=0.5"]
+VIDEO = ["av>=11"]
 COMPLETION = ["argcomplete>=3"]
 MODEL = ["fast-simplification>=0.1.9", "xatlas>=0.0.9"]
 DOCS = ["sphinx>=7.2", "myst-parser>=3", "furo>=2024.1.29"]
@@ -29,6 +30,7 @@ TEST = [
     "coverage>=7.10",
     *DASK,
     *LAZ,
+    *VIDEO,
     *COMPLETION,
     *MODEL,
     "rasterio>=1.3",
@@ -95,6 +97,7 @@ setup(
         "dask": DASK,
         "laz": LAZ,
         "model": MODEL,
+        "video": VIDEO,
         "completion": COMPLETION,
         "test": TEST,
         "docs": DOCS,

@@ -29,7 +29,7 @@ OFFLINE = NOUNS | STAGE_ROOMS | NODE_PARAMS | {"pipeline"}
 MAY_IMPORT = {
     **dict.fromkeys(NOUNS, NOUNS),
     "": OFFLINE | {"api"},
-    "api": OFFLINE | {"given_pair", "bags"},
+    "api": OFFLINE | {"given_pair", "bags", "recordings"},
     **{room: NOUNS | {room} for room in STAGE_ROOMS},
     "node_params": NOUNS,
     "catalogue": NOUNS | STAGE_ROOMS | NODE_PARAMS,
@@ -38,6 +38,7 @@ MAY_IMPORT = {
     "warm": NOUNS | STAGE_ROOMS,
     "messages": NOUNS | {"messages"},
     "bags": NOUNS | {"bags", "messages"},
+    "recordings": NOUNS | {"recordings", "bags", "messages"},
     "simulate": NOUNS | {"simulate", "bags", "messages"},
     "track": NOUNS | {"track"},
     "align": NOUNS | {"track", "align"},
@@ -50,10 +51,11 @@ MAY_IMPORT = {
     "doctor": NOUNS | {"rectify", "node_params", "doctor"},
     "ros": NOUNS | STAGE_ROOMS | NODE_PARAMS | {"ros", "doctor", "messages"},
     "nodes": OFFLINE | {"ros", "nodes", "bags"},
-    "survey": OFFLINE | {"survey", "bags", "report", "messages", "warm"},
-    "model": OFFLINE | {"survey", "report", "bags", "track", "locate", "fuse", "drape", "georeference", "model"},
+    "survey": OFFLINE | {"survey", "recordings", "bags", "report", "messages", "warm"},
+    "model": OFFLINE | {"survey", "recordings", "report", "bags", "track", "locate", "fuse", "drape", "georeference", "model"},
     "executables": {"", "signals"},
-    "cli": OFFLINE | {"cli", "pair", "warm", "bags", "simulate", "report", "survey", "model", "doctor", "ros"},
+    "cli": OFFLINE
+    | {"cli", "pair", "warm", "bags", "recordings", "simulate", "report", "survey", "model", "doctor", "ros"},
 }
 ROS_PACKAGES = re.compile(r"rclpy|rcl_interfaces|builtin_interfaces|ament_index_python|\w+_msgs|std_srvs|launch(_ros)?")
 MODULES = sorted(PACKAGE.rglob("*.py"))

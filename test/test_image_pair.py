@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from uw_recon_ros.bags.pack import pack
 from uw_recon_ros.cli import main
 from uw_recon_ros.errors import ImageError
 from uw_recon_ros.files.images import write_image
 from uw_recon_ros.findings import Code
 from uw_recon_ros.image_pair import as_pair
 from uw_recon_ros.images import to_gray
+from uw_recon_ros.recordings.pack import pack
 
 RNG = np.random.default_rng(5)
 COLOUR = RNG.integers(0, 256, (60, 80, 3), np.uint8)

@@ -11,9 +11,9 @@ from uw_recon_ros.bags.stereo import StereoTopics
 from uw_recon_ros.calibration import make_camera
 from uw_recon_ros.calibration.judge import judge_calibration
 from uw_recon_ros.calibration.rectified import as_rectified, came_rectified, named_rectified
+from uw_recon_ros.recordings.pair_index import Rigs
 from uw_recon_ros.rectify import RectifyParams
 from uw_recon_ros.rectify.tracker import RigTracker
-from uw_recon_ros.survey.pair_index import Rigs
 from uw_recon_ros.types import CameraModel, EnhancedPair, StereoCalibration
 
 K = np.array([[180.0, 0, 160], [0, 180, 120], [0, 0, 1]])

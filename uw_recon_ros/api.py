@@ -16,6 +16,8 @@ from uw_recon_ros.given_pair import ready_to_match, stereo_pair
 from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.pairing import PAIR_TOLERANCE_MS
 from uw_recon_ros.pipeline import Pipeline, PipelineParams, Products, read_values
+from uw_recon_ros.recordings.options import Options
+from uw_recon_ros.recordings.recording import Recording
 from uw_recon_ros.types import EnhancedPair, Matches, RawImage, RectifiedPair, StereoCalibration, StereoPair
 
 
@@ -169,7 +171,7 @@ def pairs(
     tolerance_ms: float = PAIR_TOLERANCE_MS,
     calibration: StereoCalibration | None = None,
 ) -> Iterator[StereoPair]:
-    """Stereo pairs of a bag in the order of time, paired by stamp as the nodes pair them.
+    """Stereo pairs of a bag, a folder of stills or a video, in the order of time; bags are paired as the nodes pair.
 
     Parameters
     ----------
@@ -195,9 +197,8 @@ def pairs(
     BagError
         Nothing in it can be read, or it has no two image topics that fit.
     """
-    with open_bag(recording) as bag:
-        yield from bag.stereo_pairs(
-            left_topic, right_topic, tolerance_ns=round(tolerance_ms * 1e6), calibration=calibration
-        )
-        for sentence in bag.damage:
+    options = Options(left_topic or "", right_topic or "", tolerance_ms)
+    with Recording(recording, options, calibration) as opened:
+        yield from opened.pairs()
+        for sentence in (*opened.listing.unreadable, *opened.listing.notes):
             warnings.warn(f"{recording}: {sentence}", stacklevel=2)

@@ -62,6 +62,14 @@ class Code(str, Enum):
     MATCH_EXCHANGED = "match.exchanged"
     MATCH_NOTHING = "match.nothing"
     MATCH_NOTHING_SEEN = "match.nothing_seen"
+    # recordings
+    RECORDING_BY_ORDER = "recording.by_order"
+    RECORDING_CLOCKS = "recording.clocks"
+    RECORDING_EXTRA = "recording.extra"
+    RECORDING_LAYOUT = "recording.layout"
+    RECORDING_ONE_CAMERA = "recording.one_camera"
+    RECORDING_SEVERAL_RIGS = "recording.several_rigs"
+    RECORDING_VIDEO_TOPICS = "recording.video_topics"
     # rectification
     RECTIFY_CALIBRATED_IN_AIR = "rectify.calibrated_in_air"
     RECTIFY_EXCHANGED = "rectify.exchanged"

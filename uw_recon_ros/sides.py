@@ -10,6 +10,11 @@ PAIRS = (
     ("left", "right"), ("port", "starboard"), ("port", "stbd"), ("upper", "lower"), ("top", "bottom"), ("l", "r"),
 )  # fmt: skip
 _NUMBERED = len(PAIRS)  # grade of names that differ by a number only
+#: A camera's number: behind a word that means one, or alone between slashes.
+_NUMBER = re.compile(
+    r"(?:cam|camera|image|images|img|infra|ir|fisheye|slave|sensor|eye|view|cam[a-z]*|(?:^|/)(?=[0-9]{1,2}(?:/|$)))[_-]?([0-9]{1,2})(?![0-9])",
+    re.IGNORECASE,
+)
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+")
 
 
@@ -21,10 +26,10 @@ def partners(left: str) -> dict[str, int]:
         for chosen in [places, *([place] for place in places if len(places) > 1)]:
             if chosen:
                 found.setdefault(_replaced(left, chosen, len(word), other), grade)
-    for match in re.finditer(r"[0-9]+", left):
-        number = int(match[0])
-        following = str(number + 1).zfill(len(match[0]))
-        name = f"{left[: match.start()]}{following}{left[match.end() :]}".lower()
+    for match in _NUMBER.finditer(left):
+        number = int(match[1])
+        following = str(number + 1).zfill(len(match[1]))
+        name = f"{left[: match.start(1)]}{following}{left[match.end(1) :]}".lower()
         found.setdefault(name, _NUMBERED + min(number, 2))
     return found
 

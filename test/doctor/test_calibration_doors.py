@@ -26,15 +26,15 @@ from uw_recon_ros.findings import Code, Severity
 from uw_recon_ros.nodes.rectify_node import RigRectifier
 from uw_recon_ros.pair import reconstruct_files
 from uw_recon_ros.pipeline import PipelineParams
+from uw_recon_ros.recordings.listing import list_frames
+from uw_recon_ros.recordings.sources import find_sources
 from uw_recon_ros.rectify import RectifyParams
 from uw_recon_ros.rectify.tie_points import TiePoints
 from uw_recon_ros.ros.messages import camera_info_message
 from uw_recon_ros.ros.observer.recorder import camera_numbers
 from uw_recon_ros.ros.pairs import calibration_from_infos
-from uw_recon_ros.survey.listing import list_frames
 from uw_recon_ros.survey.params import SurveyParams
 from uw_recon_ros.survey.rig_estimate import rectification_of
-from uw_recon_ros.survey.sources import find_sources
 from uw_recon_ros.types import CameraModel, EnhancedPair, StereoCalibration
 
 WIDTH, HEIGHT, FOCAL, BASELINE = 96, 72, 80.0, 0.12

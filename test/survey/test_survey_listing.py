@@ -30,10 +30,10 @@ from uw_recon_ros.bags import RawMessage, messages, open_bag
 from uw_recon_ros.errors import BagError, ReconError
 from uw_recon_ros.files.calibrations import write_calibration
 from uw_recon_ros.files.images import write_image
-from uw_recon_ros.survey.listing import Listing, list_frames
+from uw_recon_ros.recordings.listing import Listing, list_frames
+from uw_recon_ros.recordings.read import Reader
+from uw_recon_ros.recordings.sources import find_sources, fingerprint
 from uw_recon_ros.survey.params import SurveyParams
-from uw_recon_ros.survey.read import Reader
-from uw_recon_ros.survey.sources import find_sources, fingerprint
 from uw_recon_ros.types import StereoCalibration, StereoPair
 
 FEW = recording(12)

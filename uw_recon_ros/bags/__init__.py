@@ -3,7 +3,6 @@
 from uw_recon_ros.bags.contents import BagInfo
 from uw_recon_ros.bags.info import bag_info
 from uw_recon_ros.bags.model import QosProfile, RawMessage, TopicInfo
-from uw_recon_ros.bags.pack import pack
 from uw_recon_ros.bags.reader import BagReader, open_bag
 from uw_recon_ros.bags.stereo import StereoTopics, find_stereo_topics
 from uw_recon_ros.bags.writer import BagWriter, write_bag
@@ -19,6 +18,5 @@ __all__ = [
     "bag_info",
     "find_stereo_topics",
     "open_bag",
-    "pack",
     "write_bag",
 ]

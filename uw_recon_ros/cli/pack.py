@@ -22,8 +22,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write the bag."""
-    from uw_recon_ros.bags.pack import pack
     from uw_recon_ros.files.calibrations import read_calibration
+    from uw_recon_ros.recordings.pack import pack
 
     calibration = read_calibration(args.calibration) if args.calibration else None
     pack(args.left, args.right, args.output, calibration=calibration, rate_hz=args.rate, progress=shown("pairs"))

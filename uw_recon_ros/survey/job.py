@@ -11,9 +11,9 @@ from typing import Any
 from uw_recon_ros.params import Params
 from uw_recon_ros.pipeline import PipelineParams
 from uw_recon_ros.progress import Progress
+from uw_recon_ros.recordings.sources import Source, digests, fingerprint, source_files
 from uw_recon_ros.survey.params import SurveyParams
 from uw_recon_ros.survey.plan import versions
-from uw_recon_ros.survey.sources import Source, digests, fingerprint, source_files
 from uw_recon_ros.survey.store import SurveyError
 
 _INERT = {"match_threads"}  # the output does not depend on it

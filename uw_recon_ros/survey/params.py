@@ -11,6 +11,13 @@ from uw_recon_ros.params import Params, param
 PRODUCTS = ("disparity", "depth", "clouds", "meshes", "views", "bag", "model")
 
 
+def _is_seconds(text: str) -> bool:
+    try:
+        return abs(float(text)) < 1e9
+    except ValueError:
+        return False
+
+
 @dataclass(frozen=True)
 class SurveyParams(Params):
     """Which frames are reconstructed, and what is written of each."""
@@ -29,6 +36,15 @@ class SurveyParams(Params):
         high=1e3,
     )
     stills_rate: float = param(2.0, "Pairs a second of stills, which carry no stamps.", unit="Hz", low=1e-6, high=1e6)
+    layout: str = param(
+        "auto",
+        "How both views lie in one image of stills and videos; auto: found, separate: each camera has its own.",
+        choices=("auto", "separate", "side-by-side", "top-bottom", "row-interleaved", "mpo"),
+    )
+    clock_offset: str = param(
+        "auto",
+        "Seconds that the right camera's clock is ahead; auto: found from the images of two videos, 0 elsewhere.",
+    )
     write: str = param(
         "disparity,depth,clouds,meshes,views,bag",
         "What is written of each pair, separated by commas.",
@@ -50,6 +66,8 @@ class SurveyParams(Params):
         """The time limits must leave something, and the products must be known."""
         if self.end and self.end <= self.start:
             raise ValueError(f"start, end: expected the first below the second, got {self.start:g} and {self.end:g} s")
+        if self.clock_offset != "auto" and not _is_seconds(self.clock_offset):
+            raise ValueError(f"clock_offset: expected auto or a number of seconds, got {self.clock_offset[:40]!r}")
         unknown = sorted(self.products - set(PRODUCTS))
         if unknown:
             raise ValueError(f"write: expected some of {', '.join(PRODUCTS)}, got {', '.join(unknown)}")

@@ -23,12 +23,12 @@ from uw_recon_ros.match.stage import MatchParams
 from uw_recon_ros.pipeline import PipelineParams
 from uw_recon_ros.preprocess.stage import PreprocessParams
 from uw_recon_ros.reconstruct.stage import ReconstructParams
+from uw_recon_ros.recordings.pair_index import Frame
+from uw_recon_ros.recordings.sources import Source
 from uw_recon_ros.rectify.rectification import Rectification
 from uw_recon_ros.rectify.rectified_camera import RectifiedCamera
 from uw_recon_ros.rectify.stage import RectifyParams
-from uw_recon_ros.survey.pair_index import Frame
 from uw_recon_ros.survey.params import SurveyParams
-from uw_recon_ros.survey.sources import Source
 from uw_recon_ros.survey.store import SurveyError, compare, describe
 from uw_recon_ros.types import CameraModel, RectificationQuality, StereoCalibration, StereoGeometry, Window
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from uw_recon_ros.errors import CalibrationError, EstimationError
+from uw_recon_ros.recordings.pair_index import Frame
 from uw_recon_ros.rectify.calibrated import judged, rectification_from_calibration, unjudged
 from uw_recon_ros.rectify.params import RectifyParams
 from uw_recon_ros.rectify.rectification import Rectification
@@ -20,7 +21,6 @@ from uw_recon_ros.rectify.stereo_info import has_baseline
 from uw_recon_ros.rectify.tie_points import TiePoints, gathered
 from uw_recon_ros.rectify.uncalibrated import estimate_rectification
 from uw_recon_ros.survey.executor import Executor, Lost
-from uw_recon_ros.survey.pair_index import Frame
 from uw_recon_ros.survey.plan import Task
 from uw_recon_ros.survey.worker import tie_points_of
 from uw_recon_ros.types import StereoCalibration

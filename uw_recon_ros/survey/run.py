@@ -6,22 +6,24 @@ import resource
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from uw_recon_ros.errors import BagError
 from uw_recon_ros.files.atomic import write_bytes, write_json
 from uw_recon_ros.files.calibrations import read_calibration
 from uw_recon_ros.progress import Progress
+from uw_recon_ros.recordings.listing import Listing, first_size, list_frames
+from uw_recon_ros.recordings.pair_index import Frame
+from uw_recon_ros.recordings.sources import Source, find_sources
 from uw_recon_ros.rectify.rectification import Rectification
+from uw_recon_ros.survey.choose import choose, options_of
 from uw_recon_ros.survey.executor import Executor, Lost
 from uw_recon_ros.survey.job import Outcome, Request, settings_of
-from uw_recon_ros.survey.listing import Listing, list_frames
 from uw_recon_ros.survey.output_bag import assemble, is_assembled
-from uw_recon_ros.survey.pair_index import Frame
 from uw_recon_ros.survey.plan import Plan, save_plan
 from uw_recon_ros.survey.report import write_report
 from uw_recon_ros.survey.rig_estimate import rectify_rigs, sort_rigs
-from uw_recon_ros.survey.sources import Source, find_sources
 from uw_recon_ros.survey.store import BAG_PARTS, FAILED, UNRELIABLE, Row, Store, SurveyError, succeeded
 from uw_recon_ros.survey.tables import codes, frames_csv, report, timing_csv
 from uw_recon_ros.survey.worker import reconstruct_frame
@@ -67,8 +69,11 @@ def run_survey(request: Request, make_executor: Callable[[], Executor], progress
 
 
 def _list(request: Request, sources: list[Source], progress: Progress) -> Listing:
-    given = read_calibration(request.calibration) if request.calibration else None
-    listing = list_frames(sources, request.survey, given, request.pipeline.rectify.images_rectified)
+    options = options_of(request.survey)
+    size = partial(first_size, sources, options)
+    given = read_calibration(request.calibration, size) if request.calibration else None
+    listing = list_frames(sources, options, given, request.pipeline.rectify.images_rectified)
+    listing.frames = choose(listing.frames, request.survey)
     listing.frames, more = sort_rigs(listing.frames, listing.calibrations, request.pipeline.rectify)
     listing.notes += more
     for sentence in [*listing.unreadable, *listing.notes]:

@@ -17,14 +17,14 @@ from uw_recon_ros.errors import CalibrationError, ReconError
 from uw_recon_ros.files.atomic import publish
 from uw_recon_ros.files.images import write_image
 from uw_recon_ros.findings import Code, Finding, Severity
+from uw_recon_ros.recordings.pair_index import Frame
+from uw_recon_ros.recordings.read import Reader
 from uw_recon_ros.rectify.rectification import Rectification
 from uw_recon_ros.rectify.tie_points import TiePoints, find_tie_points
 from uw_recon_ros.report.figures import as_byte_rgb
 from uw_recon_ros.stopwatch import Stopwatch
-from uw_recon_ros.survey.pair_index import Frame
 from uw_recon_ros.survey.plan import Plan, Task, load_plan
 from uw_recon_ros.survey.products import FramePipeline, FrameProducts, describe
-from uw_recon_ros.survey.read import Reader
 from uw_recon_ros.survey.store import FAILED, PREVIEWS, Row, SurveyError, frame_name
 from uw_recon_ros.survey.write import frame_files, side_by_side
 from uw_recon_ros.system_errors import our_fault

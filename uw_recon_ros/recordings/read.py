@@ -9,18 +9,23 @@ from dataclasses import replace
 from pathlib import Path
 
 from uw_recon_ros.bags import BagReader, RawMessage, messages, open_bag
-from uw_recon_ros.bags.pack import LEFT_FRAME
 from uw_recon_ros.bags.stereo import make_pair
-from uw_recon_ros.errors import BagError, ImageError
-from uw_recon_ros.files.images import read_image
+from uw_recon_ros.bounds import LARGEST_IMAGE_FILE
+from uw_recon_ros.errors import BagError, ImageError, ReconError
+from uw_recon_ros.files.bounded import read_bounded
+from uw_recon_ros.files.images import decode_compressed, read_image
 from uw_recon_ros.image_pair import as_pair
-from uw_recon_ros.survey.pair_index import Frame, Place
-from uw_recon_ros.survey.sources import Source
+from uw_recon_ros.recordings.layout import cut, mpo_parts
+from uw_recon_ros.recordings.pair_index import Frame, Place
+from uw_recon_ros.recordings.sources import Source
+from uw_recon_ros.recordings.video import Video
 from uw_recon_ros.system_errors import reason
-from uw_recon_ros.types import StereoCalibration, StereoPair
+from uw_recon_ros.types import RawImage, StereoCalibration, StereoPair
 
 _TOGETHER_NS = 500_000_000  # images recorded further apart are looked up one by one
 _OPEN_BAGS = 4
+LEFT_FRAME = "stereo_left_optical_frame"
+RIGHT_FRAME = "stereo_right_optical_frame"
 
 
 class Reader:
@@ -29,6 +34,7 @@ class Reader:
     def __init__(self, sources: list[Source], calibrations: list[StereoCalibration]) -> None:
         self._sources, self._calibrations = sources, calibrations
         self._bags: OrderedDict[str, BagReader] = OrderedDict()
+        self._videos: OrderedDict[str, Video] = OrderedDict()
         self._lock = threading.Lock()
 
     def read(self, frame: Frame) -> StereoPair:
@@ -41,11 +47,40 @@ class Reader:
         """
         source = self._sources[frame.source]
         calibration = self._calibrations[frame.rig] if frame.rig >= 0 else None
-        if source.kind == "stills":
-            return _read_stills(frame, calibration)
+        if source.kind != "bag":
+            with self._lock:
+                images = self._view(source, frame.left, "left"), self._view(source, frame.right, "right")
+            return _paired(frame, images, calibration)
         with self._lock:
             left, right = self._messages(source, frame)
         return make_pair(messages.decode(left), messages.decode(right), calibration)
+
+    def size(self, frame: Frame) -> tuple[int, int]:
+        """Width and height, px, of a pair's left image."""
+        height, width = self.read(replace(frame, rig=-1)).left.shape[:2]
+        return width, height
+
+    def _view(self, source: Source, place: Place, side: str) -> RawImage:
+        """One camera's image of a still or a frame."""
+        try:
+            layout, _, number = place.part.partition(":")
+            if source.kind == "video":
+                return cut(self._video(place.name).frame(place.nth), layout, int(number or 0))
+            if layout == "mpo":
+                return decode_compressed(
+                    mpo_parts(read_bounded(place.name, LARGEST_IMAGE_FILE, ImageError))[int(number)]
+                )
+            return cut(read_image(place.name), layout, int(number or 0))
+        except ReconError as error:
+            raise ImageError(f"{side} image: {error}", error.code) from error
+
+    def _video(self, path: str) -> Video:
+        if path not in self._videos:
+            self._videos[path] = Video(path)
+            if len(self._videos) > _OPEN_BAGS:
+                self._videos.popitem(last=False)[1].close()
+        self._videos.move_to_end(path)
+        return self._videos[path]
 
     def read_before(self, frame: Frame) -> StereoPair | None:
         """Read the pair before one; None where there is none, or none that can be read."""
@@ -78,11 +113,14 @@ class Reader:
         return self._bags[source.path]
 
     def close(self) -> None:
-        """Close the bags."""
+        """Close bags and videos."""
         with self._lock, ExitStack() as stack:
             for bag in self._bags.values():
                 stack.callback(bag.close)
+            for video in self._videos.values():
+                stack.callback(video.close)
             self._bags.clear()
+            self._videos.clear()
 
 
 def _pick(found: list[RawMessage], place: Place) -> RawMessage:
@@ -92,7 +130,7 @@ def _pick(found: list[RawMessage], place: Place) -> RawMessage:
     return same[place.nth]
 
 
-def _read_stills(frame: Frame, calibration: StereoCalibration | None) -> StereoPair:
-    left, right, findings = as_pair(read_image(frame.left.name), read_image(frame.right.name))
+def _paired(frame: Frame, images: tuple[RawImage, RawImage], calibration: StereoCalibration | None) -> StereoPair:
+    left, right, findings = as_pair(*images)
     frame_id = (calibration.left.frame_id if calibration else "") or LEFT_FRAME
     return StereoPair(left, right, frame.stamp_ns, frame_id, calibration, findings)

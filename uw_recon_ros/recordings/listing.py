@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 import itertools
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 from uw_recon_ros.bags import open_bag
-from uw_recon_ros.errors import BagError, CalibrationError
-from uw_recon_ros.survey.pair_index import Frame, Place, Rigs, Walk
-from uw_recon_ros.survey.params import SurveyParams
-from uw_recon_ros.survey.sources import Source, list_stills
+from uw_recon_ros.calibration.rectified import came_rectified
+from uw_recon_ros.errors import BagError, CalibrationError, ReconError
+from uw_recon_ros.files.calibrations import read_calibration
+from uw_recon_ros.recordings.options import Options
+from uw_recon_ros.recordings.pair_index import Frame, Rigs, Walk
+from uw_recon_ros.recordings.read import Reader
+from uw_recon_ros.recordings.sources import Source, calibration_file
+from uw_recon_ros.recordings.views import list_stills, list_video
 from uw_recon_ros.types import StereoCalibration
+
+_TRIED = 10  # images, for the size
 
 
 @dataclass
@@ -40,16 +48,16 @@ class Listing:
 
 def list_frames(
     sources: list[Source],
-    params: SurveyParams,
+    options: Options,
     given: StereoCalibration | None = None,
     images_rectified: str = "auto",
 ) -> Listing:
-    """Find the pairs of all sources and choose those asked for.
+    """Find the pairs of all sources.
 
     Parameters
     ----------
     sources : list of Source
-    params : SurveyParams
+    options : Options
     given : StereoCalibration, optional
         Instead of what the recordings say.
     images_rectified : {'auto', 'yes', 'no'}
@@ -57,12 +65,12 @@ def list_frames(
     Raises
     ------
     BagError
-        There is no pair at all, or none is chosen; the text says why.
+        There is no pair at all; the text says why.
     """
     listing, rigs = Listing(), Rigs(given, images_rectified)
     for index, source in enumerate(sources):
         try:
-            found = _list_source(source, index, params, rigs, listing.notes)
+            found = _list_source(source, index, options, rigs, listing.notes)
         except (BagError, CalibrationError) as error:
             listing.unreadable.append(str(error))
             continue
@@ -72,9 +80,17 @@ def list_frames(
     listing.pairs = len(listing.frames)
     if not listing.frames:
         raise BagError("no stereo pairs: " + "; ".join([*listing.unreadable, *listing.notes]))
-    listing.frames = choose(listing.frames, params)
     listing.calibrations = rigs.calibrations
     return listing
+
+
+def first_size(sources: list[Source], options: Options) -> tuple[int, int] | None:
+    """Width and height, px, of the first image of the first source, for calibrations that do not tell theirs."""
+    try:
+        frames = list_frames(sources[:1], options).frames
+    except ReconError:
+        return None
+    return _first_size(sources[0], frames)
 
 
 def _numbered(frames: list[Frame]) -> list[Frame]:
@@ -90,38 +106,41 @@ def _numbered(frames: list[Frame]) -> list[Frame]:
     ]
 
 
-def choose(frames: list[Frame], params: SurveyParams) -> list[Frame]:
-    """Apply `start`, `end`, `every` and `max_frames`.
-
-    Raises
-    ------
-    BagError
-        Nothing is left.
-    """
-    first = frames[0].stamp_ns
-    start, end = params.start or float("-inf"), params.end or float("inf")  # stamps may go back before the first
-    within = [frame for frame in frames if start <= (frame.stamp_ns - first) / 1e9 <= end]
-    chosen = within[:: params.every][: params.max_frames or None]
-    if not chosen:
-        lasts = (max(frame.stamp_ns for frame in frames) - first) / 1e9
-        raise BagError(f"start {params.start:g} s: expected pairs there, the input lasts {lasts:g} s")
-    return chosen
-
-
-def _list_source(source: Source, index: int, params: SurveyParams, rigs: Rigs, notes: list[str]) -> list[Frame]:
-    if source.kind == "stills":
-        return [
-            Frame(0, index, stamp_ns, Place(left, stamp_ns), Place(right, stamp_ns), rig)
-            for stamp_ns, left, right, rig in list_stills(source, params, rigs, notes)
-        ]
+def _list_source(source: Source, index: int, options: Options, rigs: Rigs, notes: list[str]) -> list[Frame]:
+    if source.kind != "bag":
+        lister = list_stills if source.kind == "stills" else list_video
+        listed = list(lister(source, options, notes))
+        frames = [Frame(0, 0, stamp_ns, left, right) for stamp_ns, left, right in listed]
+        rig = _rig_beside(source, frames, rigs)
+        return [replace(frame, source=index, rig=rig) for frame in frames]
     with open_bag(Path(source.path)) as bag:
-        topics = bag.stereo_topics(params.left_topic or None, params.right_topic or None)
-        walk = Walk(bag, topics, index, round(params.pair_tolerance_ms * 1e6), rigs)
+        topics = bag.stereo_topics(options.left_topic or None, options.right_topic or None)
+        walk = Walk(bag, topics, index, round(options.pair_tolerance_ms * 1e6), rigs)
         frames = list(walk)
         notes += [f"{source.name}: {sentence}" for sentence in [*bag.damage, *walk.notes()]]
     if not frames:
-        raise BagError(f"{source.name}: no pair within {params.pair_tolerance_ms:g} ms: {walk.nearest()}")
+        raise BagError(f"{source.name}: no pair within {options.pair_tolerance_ms:g} ms: {walk.nearest()}")
     return frames
+
+
+def _rig_beside(source: Source, frames: list[Frame], rigs: Rigs) -> int:
+    """The rig of the calibration beside stills or videos."""
+    file = None if rigs.given else calibration_file(source)
+    rectified = came_rectified(rigs.images_rectified)
+    own = read_calibration(file, partial(_first_size, source, frames)) if file else None
+    return rigs.index(own, (rectified, rectified))
+
+
+def _first_size(source: Source, frames: list[Frame]) -> tuple[int, int] | None:
+    """Width and height, px, of the first image that can be read."""
+    reader = Reader([source], [])
+    try:
+        for frame in frames[:_TRIED]:
+            with suppress(ReconError):
+                return reader.size(frame)
+    finally:
+        reader.close()
+    return None
 
 
 def _note_backward_steps(source: Source, frames: list[Frame], notes: list[str]) -> None:

@@ -21,16 +21,19 @@ class Place:
     Parameters
     ----------
     name : str
-        Topic, or file of a still.
+        Topic, or file of a still or a video.
     log_ns : int
-        When the message was recorded, ns.
+        When the message was recorded, or a frame shown, ns.
     nth : int
-        Which of the messages of that topic and time, from 0.
+        Which of the messages of that topic and time, from 0; a frame's presentation time in its video's unit.
+    part : str
+        Which view of an image with both: layout and side, as ``side-by-side:0``; empty: the whole image.
     """
 
     name: str
     log_ns: int = 0
     nth: int = 0
+    part: str = ""
 
 
 @dataclass(frozen=True)
@@ -82,13 +85,13 @@ class Rigs:
     def __init__(self, given: StereoCalibration | None = None, images_rectified: str = "auto") -> None:
         self.images_rectified = images_rectified
         self.calibrations: list[StereoCalibration] = []
-        self._given = given
+        self.given = given
         self._numbers: dict[_Key, int] = {}
         self._last: tuple[StereoCalibration, tuple[bool, bool], int] | None = None
 
     def index(self, found: StereoCalibration | None, rectified: tuple[bool, bool]) -> int:
         """Number of the calibration of images that came rectified or not; -1 for none."""
-        calibration = self._given or found
+        calibration = self.given or found
         if calibration is None:
             return -1
         if self._last and self._last[1] == rectified and _same(self._last[0], calibration):

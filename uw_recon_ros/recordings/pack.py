@@ -1,25 +1,25 @@
-"""`pack`: two folders of stills become a rosbag2 MCAP bag."""
+"""`pack`: stills or videos become a rosbag2 MCAP bag."""
 
 from __future__ import annotations
 
-import glob
 import re
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import closing
 from pathlib import Path
 
-from uw_recon_ros.bags.files import natural_order
 from uw_recon_ros.bags.writer import BagWriter
 from uw_recon_ros.errors import BagError
-from uw_recon_ros.files.images import read_image
-from uw_recon_ros.system_errors import told_as
+from uw_recon_ros.progress import say
+from uw_recon_ros.recordings.folders import find_images
+from uw_recon_ros.recordings.options import Options
+from uw_recon_ros.recordings.pair_index import Frame, Place
+from uw_recon_ros.recordings.read import LEFT_FRAME, RIGHT_FRAME, Reader
+from uw_recon_ros.recordings.sources import Source, is_video, video_source
+from uw_recon_ros.recordings.stills import FIRST_NS
+from uw_recon_ros.recordings.views import list_video, list_whole
 from uw_recon_ros.types import RawImage, StereoCalibration
 
 Pair = tuple[Path, Path]
-
-LEFT_FRAME = "stereo_left_optical_frame"
-RIGHT_FRAME = "stereo_right_optical_frame"
-_IMAGES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm", ".webp"}
-_FIRST_NS = 1_000_000_000  # zero stamps would look like forgotten ones
 
 
 def pack(
@@ -30,7 +30,7 @@ def pack(
     calibration: StereoCalibration | None = None,
     rate_hz: float = 2.0,
     overwrite: bool = False,
-    progress: Callable[[list[Pair]], Iterable[Pair]] = iter,
+    progress: Callable[[list[Frame]], Iterable[Frame]] = iter,
 ) -> int:
     """Write a bag of image files, bits unchanged: ``/left/image_raw``, ``/right/image_raw`` and, with a calibration,
     ``/left/camera_info``, ``/right/camera_info``.
@@ -38,7 +38,8 @@ def pack(
     Parameters
     ----------
     left, right : str
-        Glob patterns or folders; sorted as people count (2 before 10) and paired by order.
+        Glob patterns or folders of stills, sorted as people count (2 before 10) and paired by order; or videos. The
+        same twice: each image holds both views.
     bag : path
         Folder to make; with the suffix ``.mcap`` a bare file.
     calibration : StereoCalibration, optional
@@ -63,44 +64,45 @@ def pack(
     """
     if not rate_hz > 0:
         raise ValueError(f"rate_hz: expected > 0 Hz, got {rate_hz}")
-    pairs = _matched(find_images(left), find_images(right), left, right)
+    pairs, reader = _listed(left, right, rate_hz)
     frames = LEFT_FRAME, RIGHT_FRAME
     if calibration is not None:
         frames = calibration.left.frame_id or LEFT_FRAME, calibration.right.frame_id or RIGHT_FRAME
-    with BagWriter(bag, overwrite=overwrite) as writer:
+    with closing(reader), BagWriter(bag, overwrite=overwrite) as writer:
         first: RawImage | None = None
-        for index, paths in enumerate(progress(pairs)):
-            time_ns = _FIRST_NS + round(index * 1e9 / rate_hz)
-            images = read_image(paths[0]), read_image(paths[1])
-            first = images[0] if first is None else first
-            for side, path, image, frame in zip(("left", "right"), paths, images, frames, strict=True):
-                _check(path, image, pairs[0][0], first, calibration)
-                writer.image(f"/{side}/image_raw", image, time_ns=time_ns, frame_id=frame)
+        for frame in progress(pairs):
+            pair = reader.read(frame)
+            first = pair.left if first is None else first
+            for side, image, place, name in (
+                ("left", pair.left, frame.left, frames[0]),
+                ("right", pair.right, frame.right, frames[1]),
+            ):
+                _check(Path(place.name), image, Path(pairs[0].left.name), first, calibration)
+                writer.image(f"/{side}/image_raw", image, time_ns=frame.stamp_ns, frame_id=name)
             if calibration is not None:
-                writer.camera_info("/left/camera_info", calibration.left, time_ns=time_ns, frame_id=frames[0])
-                writer.camera_info("/right/camera_info", calibration.right, time_ns=time_ns, frame_id=frames[1])
+                writer.camera_info("/left/camera_info", calibration.left, time_ns=frame.stamp_ns, frame_id=frames[0])
+                writer.camera_info("/right/camera_info", calibration.right, time_ns=frame.stamp_ns, frame_id=frames[1])
     return len(pairs)
 
 
-def find_images(pattern: str) -> list[Path]:
-    """Image files a glob pattern or folder names, in natural order.
-
-    Raises
-    ------
-    BagError
-        There are none.
-    """
-    with told_as(BagError, pattern, "image files"):
-        paths = _images_at(Path(pattern).expanduser())
-    if not paths:
-        raise BagError(f"{pattern}: expected image files, found none")
-    return sorted(paths, key=lambda path: (natural_order(path), str(path)))
-
-
-def _images_at(folder: Path) -> list[Path]:
-    if folder.is_dir():
-        return [path for path in folder.iterdir() if path.suffix.lower() in _IMAGES]
-    return [path for path in map(Path, glob.glob(str(folder), recursive=True)) if path.is_file()]
+def _listed(left: str, right: str, rate_hz: float) -> tuple[list[Frame], Reader]:
+    """The pairs that two files, patterns or folders hold, and what reads them."""
+    options, notes = Options(stills_rate=rate_hz), list[str]()
+    if is_video(Path(left)):
+        source = video_source(Path(left), None if left == right else Path(right))
+        listed = list(list_video(source, options, notes))
+    else:
+        source = Source("stills", str(Path(left).absolute()), left)
+        ours, theirs = find_images(left), find_images(right)
+        if ours == theirs:
+            listed = list(list_whole(source, ours, options, notes))
+        else:
+            matched = enumerate(_matched(ours, theirs, left, right))
+            stamps = ((FIRST_NS + round(n * 1e9 / rate_hz), one, other) for n, (one, other) in matched)
+            listed = [(stamp, Place(str(one), stamp), Place(str(other), stamp)) for stamp, one, other in stamps]
+    for note in notes:
+        say(f"note: {note}")
+    return [Frame(n, 0, stamp, one, other) for n, (stamp, one, other) in enumerate(listed)], Reader([source], [])
 
 
 def _matched(left: list[Path], right: list[Path], left_name: str, right_name: str) -> list[Pair]:

@@ -1,0 +1,205 @@
+"""How two cameras that ran for themselves stand in time: their images' common motion and light tell.
+
+The cameras of a rig are fixed to each other, so their images move alike. The motion of each video from frame to frame
+(phase correlation) and its change of brightness (lamp, flash) are signals of time; pieces of the left video's are looked for
+in the right one's, and the lags of those that agree are fitted by an offset and a drift.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_recon_ros.errors import BagError, ImageError
+from uw_recon_ros.findings import Code
+from uw_recon_ros.recordings.video import Video
+from uw_recon_ros.types import Matrix
+
+Marks = list[tuple[int, int]]
+
+_WIDTH = 160  # px, to which frames are reduced
+_PIECES = 7  # of the left video that are looked for
+_PIECE_S = 16.0  # their length
+_REACH_S = 60.0  # how far clocks may be apart
+_SHORTEST_S = 6.0  # a video that is shorter tells nothing
+_ALIKE = 0.5  # correlation of a piece that counts
+_PEAKS = 4  # lags of a piece that are kept
+_AGREE_S = 0.08  # lags of two pieces that agree, after drift
+_MOST_DRIFT = 2e-3  # of time: 30 for 29.97 Hz is 1e-3
+_KNOWN_S = 0.05  # uncertainty beyond which an offset is not known
+
+
+@dataclass(frozen=True)
+class Clock:
+    """The right camera's time of a left one's: ``t + offset + drift t``.
+
+    Parameters
+    ----------
+    offset_ns : int
+        What the right clock is ahead by, at the left video's first frame.
+    drift : float
+        s a second.
+    sigma_s : float
+        Standard deviation of the offset; NaN where it was told, or assumed.
+    told : tuple of str
+        What to know of it.
+    """
+
+    offset_ns: int
+    drift: float = 0.0
+    sigma_s: float = float("nan")
+    told: tuple[str, ...] = ()
+
+    def right_of(self, stamp_ns: int) -> int:
+        """The right clock's time of a left stamp, ns."""
+        return stamp_ns + self.offset_ns + round(self.drift * stamp_ns)
+
+
+def find_clock(left: Video, right: Video, ours: Marks, theirs: Marks, offset_ns: int | None) -> Clock:
+    """The clock told, or found in the images.
+
+    Raises
+    ------
+    BagError
+        The images do not tell it.
+    """
+    if offset_ns is not None:
+        return Clock(offset_ns, told=(f"right clock ahead by {offset_ns / 1e9:.3f} s, as told",))
+    seconds = min(marks[-1][0] for marks in (ours, theirs)) / 1e9
+    if seconds < _SHORTEST_S:
+        return Clock(0, told=(f"{seconds:.1f} s tell no clock offset: taken as 0 (--clock-offset SECONDS)",))
+    pieces = _pieces(ours[-1][0] / 1e9)
+    lags = [_lags_of(left, right, ours, theirs, piece) for piece in pieces]
+    return _agreed([((a + b) / 2, found) for (a, b), found in zip(pieces, lags, strict=True)])
+
+
+def _pieces(seconds: float) -> list[tuple[float, float]]:
+    length = min(_PIECE_S, max(3.0, seconds / 4))
+    starts = np.linspace(0.0, seconds - length, _PIECES)
+    return [(float(start), float(start) + length) for start in starts]
+
+
+# ---- signals ---------------------------------------------------------------------------------------------------------
+
+
+def _signals(video: Video, marks: Marks, begin_s: float, end_s: float) -> tuple[Matrix, Matrix] | None:
+    """Moments (N,), s, and signals (N, 3): motion right and down, widths a second, and change of log brightness."""
+    within = [(stamp / 1e9, mark) for stamp, mark in marks if begin_s <= stamp / 1e9 <= end_s]
+    moments, found = [], []
+    before: tuple[float, NDArray[np.float32]] | None = None
+    window: NDArray[Any] | None = None
+    for time, mark in within:
+        try:
+            image = video.small(mark, _WIDTH).astype(np.float32)
+        except ImageError:
+            before = None
+            continue
+        if window is None:
+            window = cv2.createHanningWindow(image.shape[::-1], cv2.CV_32F)
+        if before is not None and time > before[0]:
+            (dx, dy), _ = cv2.phaseCorrelate(before[1], image, window)
+            light = np.log((image.mean() + 1) / (before[1].mean() + 1))
+            moments.append((time + before[0]) / 2)
+            found.append(np.array([dx / _WIDTH, dy / _WIDTH, light]) / (time - before[0]))
+        before = time, image
+    return (np.array(moments), np.array(found)) if len(moments) >= 8 else None
+
+
+def _even(moments: Matrix, signals: Matrix, step: float) -> Matrix:
+    """(M, 3) at even moments from the first on, each component by its own spread, extremes cut."""
+    at = np.arange(moments[0], moments[-1], step)
+    even = np.stack([np.interp(at, moments, column) for column in signals.T], axis=1)
+    spread = np.maximum(1.4826 * np.median(np.abs(even - np.median(even, axis=0)), axis=0), 1e-4)
+    cut: Matrix = np.clip((even - np.median(even, axis=0)) / spread, -6, 6)
+    return cut
+
+
+def _lags_of(
+    left: Video, right: Video, ours: Marks, theirs: Marks, piece: tuple[float, float]
+) -> list[tuple[float, float]]:
+    """Lag, s, and correlation of the best places of a left piece in the right video."""
+    mine = _signals(left, ours, *piece)
+    other = _signals(right, theirs, piece[0] - _REACH_S, piece[1] + _REACH_S)
+    if mine is None or other is None:
+        return []
+    step = float(min(np.median(np.diff(mine[0])), np.median(np.diff(other[0])))) / 4
+    template, searched = _even(*mine, step), _even(*other, step)
+    if len(searched) <= len(template):
+        return []
+    rows = [(searched[None, :, n].astype(np.float32), template[None, :, n].astype(np.float32)) for n in range(3)]
+    scores = np.mean([cv2.matchTemplate(*row, cv2.TM_CCOEFF_NORMED)[0] for row in rows], axis=0)
+    return [(other[0][0] + place * step - mine[0][0], score) for place, score in _peaks(scores * 1.5)]
+
+
+def _peaks(scores: Matrix) -> list[tuple[float, float]]:
+    """Places, between samples, and heights of the highest maxima, best first."""
+    inner = np.flatnonzero((scores[1:-1] >= scores[:-2]) & (scores[1:-1] > scores[2:]) & (scores[1:-1] > _ALIKE)) + 1
+    best = sorted(inner, key=lambda place: -scores[place])[:_PEAKS]
+    found = []
+    for place in best:
+        below, here, above = scores[place - 1 : place + 2]
+        bend = below - 2 * here + above
+        found.append((place + (0.5 * (below - above) / bend if bend < 0 else 0.0), float(here)))
+    return found
+
+
+# ---- agreement -------------------------------------------------------------------------------------------------------
+
+
+def _agreed(pieces: list[tuple[float, list[tuple[float, float]]]]) -> Clock:
+    """The line that the lags of most pieces lie on.
+
+    Raises
+    ------
+    BagError
+        Fewer than two agree, or another line does as well.
+    """
+    points = [(time, lag, score) for time, found in pieces for lag, score in found]
+    lines = [_line(a, b) for a, b in itertools.combinations(points, 2) if a[0] != b[0]]
+    rated = sorted(((_support(line, pieces), line) for line in lines if abs(line[1]) <= _MOST_DRIFT), reverse=True)
+    rival = next((s for s, line in rated[1:] if abs(line[0] - rated[0][1][0]) > 0.5), 0.0) if rated else 0.0
+    if not rated or rated[0][0] < 1.2 or rival > 0.8 * rated[0][0]:
+        raise BagError(
+            "the cameras' clocks: expected motion or light that both videos show, got "
+            f"{'several offsets that fit alike' if rated and rival else 'none that agrees'}: tell how far the "
+            "right camera's clock is ahead, --clock-offset SECONDS (0 where they were started together)", Code.RECORDING_CLOCKS,
+        )  # fmt: skip
+    return _fitted(rated[0][1], pieces)
+
+
+def _line(a: tuple[float, float, float], b: tuple[float, float, float]) -> tuple[float, float]:
+    slope = (b[1] - a[1]) / (b[0] - a[0])
+    return a[1] - slope * a[0], slope
+
+
+def _near(line: tuple[float, float], time: float, found: list[tuple[float, float]]) -> tuple[float, float] | None:
+    near = [(lag, score) for lag, score in found if abs(lag - line[0] - line[1] * time) <= _AGREE_S]
+    return max(near, key=lambda peak: peak[1], default=None)
+
+
+def _support(line: tuple[float, float], pieces: list[tuple[float, list[tuple[float, float]]]]) -> float:
+    return sum(peak[1] for time, found in pieces if (peak := _near(line, time, found)) is not None)
+
+
+def _fitted(line: tuple[float, float], pieces: list[tuple[float, list[tuple[float, float]]]]) -> Clock:
+    kept = [(time, peak[0]) for time, found in pieces if (peak := _near(line, time, found)) is not None]
+    times, lags = (np.array(column) for column in zip(*kept, strict=True))
+    drifts = len(kept) >= 4
+    design = np.stack([np.ones_like(times), times], axis=1)[:, : 1 + drifts]
+    solution, *_ = np.linalg.lstsq(design, lags, rcond=None)
+    left_over = lags - design @ solution
+    sigma = float(np.sqrt((left_over**2).sum() / max(1, len(kept) - design.shape[1])))
+    spread = sigma * np.sqrt(np.linalg.inv(design.T @ design)[0, 0])
+    drift = float(solution[1]) if drifts else 0.0
+    told = [
+        f"right clock ahead by {solution[0]:.3f} s at the first frame (sigma {spread:.3f} s), found from motion and "
+        f"light in {len(kept)} of {len(pieces)} pieces; drift {1e3 * drift:+.3f} ms/s"
+    ]
+    if spread > _KNOWN_S:
+        told.append(f"the clock offset is not known well: sigma {spread:.3f} s")
+    return Clock(round(float(solution[0]) * 1e9), drift, float(spread), tuple(told))

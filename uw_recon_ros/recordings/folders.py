@@ -1,0 +1,122 @@
+"""Where the stills of either camera lie: two folders, however named and nested, or one with names that tell."""
+
+from __future__ import annotations
+
+import glob
+from collections import Counter
+from collections.abc import Iterable
+from pathlib import Path
+
+from uw_recon_ros.bags.files import natural_order
+from uw_recon_ros.errors import BagError
+from uw_recon_ros.findings import Code
+from uw_recon_ros.sides import pairs_of, partners
+from uw_recon_ros.system_errors import told_as
+
+IMAGES = frozenset((".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm", ".webp", ".jp2", ".mpo"))
+#: Files of cameras that hold what no library here opens.
+RAW = frozenset((".dng", ".nef", ".cr2", ".cr3", ".arw", ".gpr", ".orf", ".rw2", ".raf", ".heic", ".heif"))
+_DEEPEST = 4
+_MOST = 1_000_000
+
+
+def camera_folders(path: Path) -> tuple[tuple[Path, Path] | None, list[str]]:
+    """The two folders of a rig's cameras in a folder, and the names of other such pairs.
+
+    Raises
+    ------
+    BagError
+        Several rigs are named equally well.
+    """
+    folders = {child.name: child for child in path.iterdir() if child.is_dir()}
+    found = _disjoint(pairs_of(list(folders)))
+    if not found:
+        return None, []
+    grade = found[0][0]
+    equal = [pair for pair in found if pair[0] == grade]
+    if len(equal) > 1:
+        told = "; ".join(f"{left} and {right}" for _, left, right in equal)
+        raise BagError(
+            f"{path}: expected one rig, got several: {told}: give each a folder of its own, or link its two there as "
+            "left/ and right/", Code.RECORDING_SEVERAL_RIGS,
+        )  # fmt: skip
+    _, left, right = found[0]
+    return (folders[left], folders[right]), [f"{one} and {other}" for _, one, other in found[1:]]
+
+
+def _disjoint(found: list[tuple[int, str, str]]) -> list[tuple[int, str, str]]:
+    """Pairs without those that use a name of a better one."""
+    kept: list[tuple[int, str, str]] = []
+    for pair in found:
+        if not {pair[1], pair[2]} & {name for other in kept for name in other[1:]}:
+            kept.append(pair)
+    return kept
+
+
+def find_images(pattern: str) -> list[Path]:
+    """Image files a glob pattern or folder names, in natural order; a folder without any is looked into deeper.
+
+    Raises
+    ------
+    BagError
+        There are none; the text says what is there instead.
+    """
+    with told_as(BagError, pattern, "image files"):
+        folder = Path(pattern).expanduser()
+        paths = (
+            images_in(folder)
+            if folder.is_dir()
+            else [p for p in map(Path, glob.glob(str(folder), recursive=True)) if p.is_file()]
+        )
+        if not paths:
+            raise BagError(f"{pattern}: expected image files, found {what_is_in(folder)}")
+    return sorted(
+        paths,
+        key=lambda path: ([natural_order(Path(part)) for part in path.parent.parts], natural_order(path), str(path)),
+    )
+
+
+def images_in(folder: Path, depth: int = 0) -> list[Path]:
+    """Image files of a folder, or, where it has none, of the folders in it (``data/``, ``DCIM/100GOPRO/``)."""
+    children = [child for _, child in zip(range(_MOST), folder.iterdir(), strict=False)]
+    here = [
+        child
+        for child in children
+        if child.suffix.lower() in IMAGES and child.is_file() and not child.name.startswith(".")
+    ]
+    if here or depth == _DEEPEST:
+        return here
+    return [image for child in children if child.is_dir() for image in images_in(child, depth + 1)]
+
+
+def what_is_in(folder: Path) -> str:
+    """What is there where image files were expected, with what to do about it where that is known."""
+    files = (
+        [path for _, path in zip(range(_MOST), folder.rglob("*"), strict=False) if path.is_file()]
+        if folder.is_dir()
+        else []
+    )
+    counts = Counter(path.suffix.lower() or path.name for path in files)
+    if not counts:
+        return "none"
+    told = ", ".join(f"{count} {suffix[:20]}" for suffix, count in counts.most_common(8))
+    raw = RAW & counts.keys()
+    return f"none that can be read, but {told}" + (
+        ": develop raw photographs to 16-bit TIFF or PNG first" if raw else ""
+    )
+
+
+def flat_pairs(paths: Iterable[Path]) -> tuple[list[Path], list[Path]] | None:
+    """Files of one folder whose names tell the camera (``dive_0001_L.jpg``), left and right; None: they do not."""
+    files = sorted(paths, key=natural_order)
+    known = {path.name.lower(): path for path in files}
+    for grade in range(len(files) and 6):
+        left = [
+            (path, known[other])
+            for path in files
+            for other, g in partners(path.name).items()
+            if g == grade and other in known
+        ]
+        if 2 * len(left) > 0.5 * len(files):
+            return [path for path, _ in left], [path for _, path in left]
+    return None

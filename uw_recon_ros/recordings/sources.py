@@ -1,0 +1,242 @@
+"""From the paths a user gives to what can be read: bags, videos, folders of either, folders of stills."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from uw_recon_ros.bags.files import natural_order
+from uw_recon_ros.errors import BagError
+from uw_recon_ros.files.kinds import describe_file
+from uw_recon_ros.findings import Code
+from uw_recon_ros.recordings.folders import camera_folders, find_images, flat_pairs, images_in, what_is_in
+from uw_recon_ros.recordings.video import SUFFIXES as VIDEOS
+from uw_recon_ros.sides import partners, side_of
+from uw_recon_ros.system_errors import reason, told_as
+
+_BAGS = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd", ".bag")
+_CALIBRATIONS = ("calibration.yaml", "calibration.yml", "calibration.xml", "calibration.json", "camchain.yaml")
+_BLOCK = 1 << 20
+
+
+@dataclass(frozen=True)
+class Source:
+    """One recording.
+
+    Parameters
+    ----------
+    kind : {'bag', 'stills', 'video'}
+    path : str
+        Absolute. Of two videos, the left one.
+    name : str
+        What reports call it: the path's last part.
+    other : str
+        The right camera's video; empty: one file holds both views.
+    """
+
+    kind: Literal["bag", "stills", "video"]
+    path: str
+    name: str
+    other: str = ""
+
+
+def find_sources(paths: Iterable[str | Path]) -> list[Source]:
+    """Look at what each path is: a bag, a video, a folder of stills or videos, or a folder of any.
+
+    Two videos given one after the other are a left and a right one unless their names tell otherwise.
+
+    Raises
+    ------
+    BagError
+        A path that is none of it.
+    """
+    given = [Path(path) for path in paths]
+    if len(given) == 2 and all(map(is_video, given)) and _may_be_a_pair(given[0].stem, given[1].stem):
+        return [video_source(given[0], given[1])]
+    return [source for path in given for source in _sources_at(path)]
+
+
+def _may_be_a_pair(first: str, second: str) -> bool:
+    """Whether names do not tell that the first is the right one, or both of one camera."""
+    sides = side_of(first), side_of(second)
+    return sides in ((0, 1), (0, None), (None, 1), (None, None))
+
+
+def is_video(path: Path) -> bool:
+    """Whether a path is a video, by its name."""
+    return path.suffix.lower() in VIDEOS and path.is_file()
+
+
+def video_source(left: Path, right: Path | None = None) -> Source:
+    """One video with both views, or two."""
+    other = "" if right is None else str(right.absolute())
+    return Source("video", str(left.absolute()), left.name if right is None else f"{left.name} and {right.name}", other)
+
+
+def _sources_at(path: Path) -> list[Source]:
+    with told_as(BagError, path, "a bag, a video or a folder"):
+        path.stat()
+        return _sources_in(path)
+
+
+def _sources_in(path: Path) -> list[Source]:
+    if is_video(path):
+        return [video_source(*_with_partner(path))]
+    own = _source(path)
+    if own is None and not path.is_dir():
+        raise BagError(f"{path}: expected a bag (a folder, .mcap, .db3 or .bag) or a video, got {describe_file(path)}")
+    if own and not _holds_bag_folders(path):
+        return [own]
+    videos = _videos_in(path)
+    if videos:
+        return videos
+    inside = [_source(child) for child in sorted(path.iterdir(), key=natural_order)]
+    found = [source for source in inside if source is not None]
+    if not found and images_in(path):
+        return [Source("stills", str(path.absolute()), path.absolute().name)]
+    if not found:
+        raise BagError(
+            f"{path}: expected a bag, a video, a folder of either, or a folder with the stills of both cameras in "
+            f"left/ and right/, got a folder with {what_is_in(path)}"
+        )
+    return found
+
+
+def _holds_bag_folders(path: Path) -> bool:
+    """Whether a folder is a collection: files of one bag have no folders of bags beside them."""
+    if path.is_file() or (path / "metadata.yaml").is_file():
+        return False
+    return any(child.is_dir() and _source(child) for child in path.iterdir())
+
+
+def _source(path: Path) -> Source | None:
+    if path.is_file():
+        is_bag = path.name.endswith(_BAGS)
+    else:
+        is_bag = (path / "metadata.yaml").is_file() or any(f.name.endswith(_BAGS[:-1]) for f in path.iterdir())
+    if is_bag:
+        return Source("bag", str(path.absolute()), path.absolute().name)
+    if path.is_dir() and has_stills(path):
+        return Source("stills", str(path.absolute()), path.absolute().name)
+    return None
+
+
+def has_stills(path: Path) -> bool:
+    """Whether a folder has a folder of stills for each camera."""
+    folders, _ = camera_folders(path)
+    if folders is None:
+        return flat_pairs(_images_right_in(path)) is not None
+    return not any(is_video(file) for folder in folders for file in folder.rglob("*"))
+
+
+def _images_right_in(path: Path) -> list[Path]:
+    images = images_in(path)
+    return images if images and images[0].parent == path else []
+
+
+# ---- videos ----------------------------------------------------------------------------------------------------------
+
+
+def _with_partner(path: Path) -> tuple[Path, Path | None]:
+    """The left and the right video, where the names beside one tell; else that one alone."""
+    beside = {file.name.lower(): file for file in path.parent.iterdir() if is_video(file) and file != path}
+    for name in partners(path.name):
+        if name in beside:
+            return path, beside[name]
+    for file in beside.values():
+        if path.name.lower() in partners(file.name):
+            return file, path
+    own = side_of(path.stem)
+    others = [file for file in beside.values() if own is not None and side_of(file.stem) == 1 - own]
+    if len(others) == 1:
+        return (path, others[0]) if own == 0 else (others[0], path)
+    return path, None
+
+
+def _videos_in(path: Path) -> list[Source]:
+    """Videos of a folder: of two cameras' folders one by one, by names that tell, or each with both views."""
+    folders, _ = camera_folders(path)
+    if folders is not None:
+        left, right = (_all_videos(folder) for folder in folders)
+        if len(left) != len(right):
+            raise BagError(
+                f"{path}: expected as many left as right videos, got {len(left)} and {len(right)}: name both of each "
+                "dive on the command line", Code.RECORDING_ONE_CAMERA,
+            )  # fmt: skip
+        return [video_source(one, other) for one, other in zip(left, right, strict=True)]
+    here = sorted((file for file in path.iterdir() if is_video(file)), key=natural_order)
+    pairs = dict.fromkeys(_with_partner(file) for file in here)
+    return [video_source(left, right) for left, right in pairs]
+
+
+def _all_videos(folder: Path) -> list[Path]:
+    return sorted(
+        (file for file in folder.rglob("*") if is_video(file)), key=lambda file: (str(file.parent), natural_order(file))
+    )
+
+
+# ---- files -----------------------------------------------------------------------------------------------------------
+
+
+def calibration_file(source: Source) -> Path | None:
+    """The calibration beside stills or videos."""
+    if source.kind == "bag":
+        return None
+    folder = Path(source.path) if source.kind == "stills" else Path(source.path).parent
+    return next((folder / name for name in _CALIBRATIONS if (folder / name).is_file()), None)
+
+
+def source_files(source: Source) -> list[Path]:
+    """All files a source is read from, in natural order."""
+    path = Path(source.path)
+    beside = calibration_file(source)
+    extra = [beside] if beside else []
+    if source.kind == "video":
+        return [path, *([Path(source.other)] if source.other else []), *extra]
+    if path.is_file():
+        return [path]
+    if source.kind == "bag":
+        return sorted((file for file in path.iterdir() if file.is_file()), key=natural_order)
+    sides = camera_folders(path)[0] or (path,)
+    return [*(file for folder in sides for file in find_images(str(folder))), *extra]
+
+
+def fingerprint(source: Source, on_bytes: Callable[[int], None] = lambda count: None) -> dict[str, str]:
+    """SHA-256 of every file of a source, by its path inside the source.
+
+    Raises
+    ------
+    BagError
+        A file cannot be read.
+    """
+    root = Path(source.path)
+    base = root.parent if root.is_file() else root
+    return {_within(file, base): sha256(file, on_bytes) for file in source_files(source)}
+
+
+def _within(file: Path, base: Path) -> str:
+    return file.relative_to(base).as_posix() if file.is_relative_to(base) else file.as_posix()
+
+
+def digests(path: str | Path) -> list[str]:
+    """SHA-256 of a file, or of the files right in a folder, by name."""
+    path = Path(path)
+    with told_as(BagError, path, "a file or a folder"):
+        files = sorted(file for file in path.iterdir() if file.is_file()) if path.is_dir() else [path]
+    return [sha256(file) for file in files]
+
+
+def sha256(path: str | Path, on_bytes: Callable[[int], None] = lambda count: None) -> str:
+    """Digest of a file, read in pieces."""
+    digest = hashlib.sha256()
+    try:
+        with Path(path).open("rb") as stream:
+            while block := stream.read(_BLOCK):
+                digest.update(block)
+                on_bytes(len(block))
+    except OSError as error:
+        raise BagError(f"{path}: cannot be read: {reason(error)}") from error
+    return digest.hexdigest()

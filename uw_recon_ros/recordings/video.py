@@ -1,0 +1,173 @@
+"""Videos: their frames listed without decoding, and decoded one by one; PyAV does it, an extra."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from uw_recon_ros.errors import BagError, ImageError
+from uw_recon_ros.findings import Code
+from uw_recon_ros.types import RawImage
+
+SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".ts", ".m4v", ".mts", ".m2ts", ".mpg", ".webm", ".h264", ".h265", ".hevc")
+_KEPT = 4  # decoded frames that are kept: the one before is asked for after its follower
+_AHEAD_S = 3.0  # frames so far ahead are reached by decoding on, later ones by the index
+_LARGEST_PIXELS = 2**26
+
+
+def library() -> Any:
+    """PyAV.
+
+    Raises
+    ------
+    BagError
+        It is not installed.
+    """
+    try:
+        import av
+    except ImportError as error:
+        raise BagError(
+            "a video: expected the extra 'video' to be installed: pip install 'uw_recon_ros[video]'",
+            Code.RECORDING_EXTRA,
+        ) from error
+    return av
+
+
+class Video:
+    """A video file, opened.
+
+    Parameters
+    ----------
+    path : path
+
+    Attributes
+    ----------
+    size : (width, height)
+        As shown, px: the rotation flag obeyed.
+    codec : str
+
+    Raises
+    ------
+    BagError
+        It is no video, has no picture, or its codec is not there.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self._av = library()
+        try:
+            self._file = self._av.open(str(path))
+            stream = self._file.streams.video[0]
+            self.codec = stream.codec_context.name
+            self._stream, self._unit = stream, stream.time_base
+        except (self._av.FFmpegError, OSError) as error:
+            raise BagError(f"{path}: expected a video, got one that cannot be opened: {_told(error)}") from error
+        except (IndexError, AttributeError) as error:
+            raise BagError(f"{path}: expected a video with pictures in a codec that is known, got none") from error
+        if not 0 < stream.codec_context.width * stream.codec_context.height <= _LARGEST_PIXELS:
+            self.close()
+            raise BagError(f"{path}: expected pictures of up to {_LARGEST_PIXELS} px, got no size or a larger one")
+        self._recent: deque[tuple[int, Any]] = deque(maxlen=_KEPT)
+        self._frames: Iterator[Any] | None = None
+        self._turns: int | None = None
+
+    def times(self) -> list[tuple[int, int]]:
+        """Stamp (ns from the first) and presentation time (the file's unit) of every frame; nothing is decoded.
+
+        Raises
+        ------
+        BagError
+            There are none.
+        """
+        marks, number = [], 0
+        try:
+            for packet in self._file.demux(self._stream):
+                if packet.size:
+                    mark = packet.pts if packet.pts is not None else packet.dts
+                    marks.append(number if mark is None else int(mark))
+                    number += 1
+        except self._av.FFmpegError:
+            pass  # cut short: what came before counts
+        self._rewind(0)
+        if not marks:
+            raise BagError(f"{self.path}: expected a video with frames, got none: empty or cut short")
+        marks = sorted(set(marks))
+        unit = float(self._unit or 0) or 1 / 25
+        return [(round((mark - marks[0]) * unit * 1e9), mark) for mark in marks]
+
+    def frame(self, mark: int) -> RawImage:
+        """Decode the frame of a presentation time.
+
+        Returns
+        -------
+        (H, W) or (H, W, 3) uint8
+            Mono, or RGB, upright.
+
+        Raises
+        ------
+        ImageError
+            It cannot be decoded.
+        """
+        return self._upright(self._decoded(mark))
+
+    def small(self, mark: int, width: int) -> RawImage:
+        """The frame's luma, reduced to a width, (H, W) uint8."""
+        found = self._decoded(mark)
+        height = max(2, round(found.height * width / found.width))
+        return np.asarray(found.reformat(width=width, height=height, format="gray").to_ndarray())
+
+    def _decoded(self, mark: int) -> Any:
+        for time, frame in self._recent:
+            if time == mark:
+                return frame
+        last = self._recent[-1][0] if self._recent else None
+        unit = float(self._unit or 1 / 25)
+        if self._frames is None or last is None or not 0 < (mark - last) * unit < _AHEAD_S:
+            self._rewind(mark)
+        try:
+            for frame in self._frames or ():
+                time = frame.pts if frame.pts is not None else frame.dts
+                self._recent.append((int(time or 0), frame))
+                if time is not None and time >= mark:
+                    break
+        except (self._av.FFmpegError, OSError) as error:
+            self._frames = None
+            raise ImageError(
+                f"{self.path.name}: the frame at {mark * unit:.3f} s is damaged: {_told(error)}"
+            ) from error
+        if not self._recent or self._recent[-1][0] != mark:
+            self._frames = None
+            raise ImageError(f"{self.path.name}: the frame at {mark * unit:.3f} s cannot be decoded")
+        return self._recent[-1][1]
+
+    def _rewind(self, mark: int) -> None:
+        try:
+            self._file.seek(mark, stream=self._stream, backward=True)
+        except (self._av.FFmpegError, OSError):
+            self._file.seek(0)
+        self._recent.clear()
+        self._frames = self._file.decode(self._stream)
+
+    def _upright(self, frame: Any) -> RawImage:
+        mono = frame.format.name.startswith("gray")
+        image: RawImage = frame.to_ndarray(format="gray" if mono else "rgb24")
+        turns = round(getattr(frame, "rotation", 0) / 90) % 4
+        return np.ascontiguousarray(np.rot90(image, turns)) if turns else image
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def __enter__(self) -> Video:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _told(error: Exception) -> str:
+    return " ".join((getattr(error, "strerror", None) or str(error) or type(error).__name__).split()).lower()

@@ -1,0 +1,158 @@
+"""Pairs of stills and videos listed: which file, which moment and which part of the image is either view."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from uw_recon_ros.errors import BagError, ImageError
+from uw_recon_ros.files.images import read_image
+from uw_recon_ros.findings import Code
+from uw_recon_ros.recordings.clock import Clock, find_clock
+from uw_recon_ros.recordings.folders import camera_folders, find_images, flat_pairs
+from uw_recon_ros.recordings.layout import LAYOUTS, find_layout, mpo_parts
+from uw_recon_ros.recordings.options import Options
+from uw_recon_ros.recordings.pair_index import Place
+from uw_recon_ros.recordings.sources import Source
+from uw_recon_ros.recordings.stills import FIRST_NS, pair_stills
+from uw_recon_ros.recordings.video import Video
+
+Listed = tuple[int, Place, Place]
+_PROBES = (0.1, 0.4, 0.7)  # of the way through, where the layout is looked for
+
+
+def list_stills(source: Source, options: Options, notes: list[str]) -> Iterator[Listed]:
+    """Stamp, ns, and places of every pair of stills.
+
+    Raises
+    ------
+    BagError
+        The folder is not one rig's.
+    """
+    path = Path(source.path)
+    folders, others = camera_folders(path)
+    if folders is not None:
+        notes += [f"{source.name}: also there, not read: {other}" for other in others]
+        sides = find_images(str(folders[0])), find_images(str(folders[1]))
+    else:
+        images = find_images(str(path))
+        flat = flat_pairs(images) if options.layout in ("auto", "separate") else None
+        if flat is None:
+            yield from list_whole(source, images, options, notes)
+            return
+        sides = flat
+        if len(flat[0]) * 2 < len(images):
+            notes.append(f"{source.name}: {len(images) - 2 * len(flat[0])} files have no partner of the same name")
+    for pair in pair_stills(*sides, source.name, options.stills_rate, options.offset_ns or 0, notes):
+        if pair.left and pair.right:
+            yield pair.stamp_ns, Place(str(pair.left), pair.stamp_ns), Place(str(pair.right), pair.stamp_ns)
+
+
+def list_whole(source: Source, images: list[Path], options: Options, notes: list[str]) -> Iterator[Listed]:
+    """Stills that hold both views."""
+    layout = _layout_of(options, source.name, (_still(images[int(share * len(images))]) for share in _PROBES), notes)
+    for rank, image in enumerate(images):
+        stamp = FIRST_NS + round(rank * 1e9 / options.stills_rate)
+        yield stamp, Place(str(image), stamp, 0, f"{layout}:0"), Place(str(image), stamp, 0, f"{layout}:1")
+
+
+def _still(path: Path) -> np.ndarray | str:
+    """An image, or ``mpo`` where the file holds two."""
+    return "mpo" if is_mpo(path) else read_image(path)
+
+
+def is_mpo(path: Path) -> bool:
+    """Whether a file holds two photographs."""
+    if path.suffix.lower() not in (".mpo", ".jpg", ".jpeg"):
+        return False
+    with path.open("rb") as stream:
+        if b"MPF\0" not in stream.read(2**16):
+            return False
+    return len(mpo_parts(path.read_bytes())) == 2
+
+
+def _layout_of(options: Options, name: str, images: Iterator[np.ndarray | str], notes: list[str]) -> str:
+    """The layout told, or found in two of three images.
+
+    Raises
+    ------
+    BagError
+        One view an image, and no other camera.
+    """
+    if options.layout in LAYOUTS[1:]:
+        return options.layout
+    found = [image if isinstance(image, str) else find_layout(image) for image in images]
+    layout = max(set(found), key=found.count)
+    if layout == "separate" or options.layout == "separate":
+        raise BagError(
+            f"{name}: expected two cameras' images, or both views in one, got one camera's: name the other camera's "
+            f"file too, or say how both views lie, --layout {', '.join(LAYOUTS[1:-1])}", Code.RECORDING_ONE_CAMERA,
+        )  # fmt: skip
+    notes.append(f"{name}: both views in one image, {layout} (--layout says otherwise)")
+    return layout
+
+
+def list_video(source: Source, options: Options, notes: list[str]) -> Iterator[Listed]:
+    """Stamp, ns, and places of every pair of frames.
+
+    Raises
+    ------
+    BagError
+        A file cannot be opened, or the cameras' clocks cannot be brought together.
+    """
+    if not source.other:
+        yield from _list_one(source, options, notes)
+        return
+    with Video(source.path) as left, Video(source.other) as right:
+        ours, theirs = left.times(), right.times()
+        clock = find_clock(left, right, ours, theirs, options.offset_ns)
+        notes += [f"{source.name}: {sentence}" for sentence in clock.told]
+        yield from _nearest(source, ours, theirs, clock, notes)
+
+
+def _list_one(source: Source, options: Options, notes: list[str]) -> Iterator[Listed]:
+    with Video(source.path) as video:
+        times = video.times()
+        probes = (_frame(video, times[int(share * len(times))][1]) for share in _PROBES)
+        layout = _layout_of(options, source.name, (image for image in probes if image is not None), notes)
+        for stamp, mark in times:
+            yield (
+                FIRST_NS + stamp,
+                Place(source.path, stamp, mark, f"{layout}:0"),
+                Place(source.path, stamp, mark, f"{layout}:1"),
+            )
+
+
+def _frame(video: Video, mark: int) -> np.ndarray | None:
+    try:
+        return video.frame(mark)
+    except ImageError:
+        return None
+
+
+def _nearest(
+    source: Source, ours: list[tuple[int, int]], theirs: list[tuple[int, int]], clock: Clock, notes: list[str]
+) -> Iterator[Listed]:
+    """Each left frame with the right one nearest to its moment; where rates differ, frames are used once."""
+    stamps = np.array([time for time, _ in theirs], np.int64)
+    step = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 1e9
+    used, apart, alone = -1, [], 0
+    for stamp, mark in ours:
+        wanted = clock.right_of(stamp)
+        after = int(np.searchsorted(stamps, wanted).clip(1, max(1, len(stamps) - 1)))
+        best = min((after - 1, min(after, len(stamps) - 1)), key=lambda place: abs(stamps[place] - wanted))
+        if abs(stamps[best] - wanted) > 0.6 * step or best <= used:
+            alone += 1
+            continue
+        used = best
+        apart.append(abs(float(stamps[best] - wanted)) / 1e6)
+        yield FIRST_NS + stamp, Place(source.path, stamp, mark), Place(source.other, int(stamps[best]), theirs[best][1])
+    if alone:
+        notes.append(f"{source.name}: {alone} of {len(ours)} left frames have no partner")
+    if apart and np.median(apart) > 1.0:
+        notes.append(
+            f"{source.name}: partners are {np.median(apart):.1f} ms apart (median), at most {max(apart):.1f} ms: "
+            "cameras without a common trigger; what moves fast is off by so much"
+        )
