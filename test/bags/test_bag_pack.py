@@ -9,9 +9,10 @@ import pytest
 from helpers.bag_makers import camera, recording
 from rosbags.highlevel import AnyReader
 
-from uw_recon_ros.bags import BagWriter, bag_info, open_bag, pack, write_bag
+from uw_recon_ros.bags import BagWriter, bag_info, open_bag, write_bag
 from uw_recon_ros.errors import BagError, ImageError
 from uw_recon_ros.files.images import write_image
+from uw_recon_ros.recordings.pack import pack
 from uw_recon_ros.types import RawImage, StereoCalibration
 
 CALIBRATION = StereoCalibration(camera(), camera(tx=-0.1))
@@ -81,7 +82,7 @@ def test_progress_sees_every_pair(tmp_path: Path) -> None:
 
     def follow(pairs):  # type: ignore[no-untyped-def]
         for pair in pairs:
-            seen.append(pair[0].name)
+            seen.append(Path(pair.left.name).name)
             yield pair
 
     pack(*folders(tmp_path, 3), tmp_path / "bag", progress=follow)
@@ -99,7 +100,7 @@ def refused(tmp_path: Path, *arguments: str, match: str, **options: object) -> N
 def test_what_cannot_be_packed(tmp_path: Path) -> None:
     left, right = folders(tmp_path, 4)
     refused(tmp_path, str(tmp_path / "nothing" / "*.png"), right, match="expected image files, found none")
-    refused(tmp_path, left, left, match="left and right name the same files")
+    refused(tmp_path, left, left, match="expected two cameras' images, or both views in one")
     (tmp_path / "right" / "right_3.png").rename(tmp_path / "right" / "right_4.png")
     refused(tmp_path, left, right, match=r"left_3\.png would meet right_4\.png; is a frame missing on one side")
     (tmp_path / "right" / "right_4.png").unlink()

@@ -27,13 +27,13 @@ from uw_recon_ros.nodes.rectify_node import RigRectifier
 from uw_recon_ros.pair import reconstruct_files
 from uw_recon_ros.pipeline import PipelineParams
 from uw_recon_ros.recordings.listing import list_frames
+from uw_recon_ros.recordings.options import Options
 from uw_recon_ros.recordings.sources import find_sources
 from uw_recon_ros.rectify import RectifyParams
 from uw_recon_ros.rectify.tie_points import TiePoints
 from uw_recon_ros.ros.messages import camera_info_message
 from uw_recon_ros.ros.observer.recorder import camera_numbers
 from uw_recon_ros.ros.pairs import calibration_from_infos
-from uw_recon_ros.survey.params import SurveyParams
 from uw_recon_ros.survey.rig_estimate import rectification_of
 from uw_recon_ros.types import CameraModel, EnhancedPair, StereoCalibration
 
@@ -162,7 +162,7 @@ def by_info(case: Case) -> Codes:
 
 
 def by_survey(case: Case) -> Codes:
-    listing = list_frames(find_sources([str(case.bag)]), SurveyParams())
+    listing = list_frames(find_sources([str(case.bag)]), Options())
     points = TiePoints(np.zeros((0, 2)), np.zeros((0, 2)), WIDTH, HEIGHT)
     try:
         found = rectification_of(points, listing.calibrations[0], RectifyParams())

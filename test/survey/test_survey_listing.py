@@ -33,6 +33,7 @@ from uw_recon_ros.files.images import write_image
 from uw_recon_ros.recordings.listing import Listing, list_frames
 from uw_recon_ros.recordings.read import Reader
 from uw_recon_ros.recordings.sources import find_sources, fingerprint
+from uw_recon_ros.survey.choose import choose, options_of
 from uw_recon_ros.survey.params import SurveyParams
 from uw_recon_ros.types import StereoCalibration, StereoPair
 
@@ -42,7 +43,9 @@ FEW = recording(12)
 def survey_pairs(*paths: Path, **given: object) -> tuple[Listing, list[StereoPair]]:
     """List, then read in an order of its own, as workers do."""
     sources = find_sources(paths)
-    listing = list_frames(sources, SurveyParams(**given))  # type: ignore[arg-type]
+    params = SurveyParams(**given)  # type: ignore[arg-type]
+    listing = list_frames(sources, options_of(params))
+    listing.frames = choose(listing.frames, params)
     reader = Reader(sources, listing.calibrations)
     order = np.random.default_rng(0).permutation(len(listing.frames))
     read = {int(i): reader.read(listing.frames[i]) for i in order}
@@ -144,7 +147,7 @@ def test_undecodable_images_are_listed_and_refused_one_by_one(tmp_path: Path) ->
     broken = list(FEW)
     broken[6] = replace(broken[6], data=broken[6].data[:60])
     sources = find_sources([write_mcap(tmp_path / "bag.mcap", broken)])
-    listing = list_frames(sources, SurveyParams())
+    listing = list_frames(sources, options_of(SurveyParams()))
     assert len(listing.frames) == 12
     with closing(Reader(sources, [])) as reader:
         assert reader.read(listing.frames[2]).stamp_ns == 200 * MS

@@ -1,8 +1,8 @@
 """How two cameras that ran for themselves stand in time: their images' common motion and light tell.
 
 The cameras of a rig are fixed to each other, so their images move alike. The motion of each video from frame to frame
-(phase correlation) and its change of brightness (lamp, flash) are signals of time; pieces of the left video's are looked for
-in the right one's, and the lags of those that agree are fitted by an offset and a drift.
+(phase correlation) and its change of brightness (lamp, flash) are signals of time; pieces of the left video's are
+looked for in the right one's, and the lags of those that agree are fitted by an offset and a drift.
 """
 
 from __future__ import annotations
@@ -27,7 +27,9 @@ _PIECES = 7  # of the left video that are looked for
 _PIECE_S = 16.0  # their length
 _REACH_S = 60.0  # how far clocks may be apart
 _SHORTEST_S = 6.0  # a video that is shorter tells nothing
-_ALIKE = 0.5  # correlation of a piece that counts
+_ALIKE = 0.6  # correlation of a piece that counts; what it has beyond _CHANCE is its weight
+_CHANCE = 0.5
+_ENOUGH = 0.5  # weight of all pieces that agree
 _PEAKS = 4  # lags of a piece that are kept
 _AGREE_S = 0.08  # lags of two pieces that agree, after drift
 _MOST_DRIFT = 2e-3  # of time: 30 for 29.97 Hz is 1e-3
@@ -132,8 +134,9 @@ def _lags_of(
     if len(searched) <= len(template):
         return []
     rows = [(searched[None, :, n].astype(np.float32), template[None, :, n].astype(np.float32)) for n in range(3)]
-    scores = np.mean([cv2.matchTemplate(*row, cv2.TM_CCOEFF_NORMED)[0] for row in rows], axis=0)
-    return [(other[0][0] + place * step - mine[0][0], score) for place, score in _peaks(scores * 1.5)]
+    right, down, light = (cv2.matchTemplate(*row, cv2.TM_CCOEFF_NORMED)[0] for row in rows)
+    scores = np.maximum((right + down) / 2, light)  # lamps and flashes tell where nothing moves
+    return [(other[0][0] + place * step - mine[0][0], score) for place, score in _peaks(scores)]
 
 
 def _peaks(scores: Matrix) -> list[tuple[float, float]]:
@@ -163,11 +166,11 @@ def _agreed(pieces: list[tuple[float, list[tuple[float, float]]]]) -> Clock:
     lines = [_line(a, b) for a, b in itertools.combinations(points, 2) if a[0] != b[0]]
     rated = sorted(((_support(line, pieces), line) for line in lines if abs(line[1]) <= _MOST_DRIFT), reverse=True)
     rival = next((s for s, line in rated[1:] if abs(line[0] - rated[0][1][0]) > 0.5), 0.0) if rated else 0.0
-    if not rated or rated[0][0] < 1.2 or rival > 0.8 * rated[0][0]:
+    if not rated or rated[0][0] < _ENOUGH or rival > 0.8 * rated[0][0]:
         raise BagError(
             "the cameras' clocks: expected motion or light that both videos show, got "
             f"{'several offsets that fit alike' if rated and rival else 'none that agrees'}: tell how far the "
-            "right camera's clock is ahead, --clock-offset SECONDS (0 where they were started together)", Code.RECORDING_CLOCKS,
+            "right camera's clock is ahead, --clock-offset SECONDS (0: started together)", Code.RECORDING_CLOCKS,
         )  # fmt: skip
     return _fitted(rated[0][1], pieces)
 
@@ -183,7 +186,7 @@ def _near(line: tuple[float, float], time: float, found: list[tuple[float, float
 
 
 def _support(line: tuple[float, float], pieces: list[tuple[float, list[tuple[float, float]]]]) -> float:
-    return sum(peak[1] for time, found in pieces if (peak := _near(line, time, found)) is not None)
+    return sum(peak[1] - _CHANCE for time, found in pieces if (peak := _near(line, time, found)) is not None)
 
 
 def _fitted(line: tuple[float, float], pieces: list[tuple[float, list[tuple[float, float]]]]) -> Clock:

@@ -104,12 +104,13 @@ def mpo_parts(content: bytes) -> list[bytes]:
     """
     try:
         with Image.open(io.BytesIO(content)) as opened:
-            entries, base = getattr(opened, "mpinfo", {}).get(0xB002, []), opened.info.get("mpoffset", 0)
+            entries = getattr(opened, "mpinfo", {}).get(0xB002, [])
     except (UnidentifiedImageError, OSError, ValueError, SyntaxError, Image.DecompressionBombError):
         return []
     views = [entry for entry in entries if entry.get("Size")]
     if len(views) < 2:
         return []
+    base = content.find(b"MPF\0") + 4  # from where offsets count
     starts = [entry["DataOffset"] + (base if entry["DataOffset"] else 0) for entry in views[:2]]
     parts = [content[start : start + entry["Size"]] for start, entry in zip(starts, views, strict=False)]
     if not all(part.startswith(b"\xff\xd8") for part in parts):

@@ -71,11 +71,11 @@ def pack(
     with closing(reader), BagWriter(bag, overwrite=overwrite) as writer:
         first: RawImage | None = None
         for frame in progress(pairs):
-            pair = reader.read(frame)
-            first = pair.left if first is None else first
+            images = reader.images(frame)
+            first = images[0] if first is None else first
             for side, image, place, name in (
-                ("left", pair.left, frame.left, frames[0]),
-                ("right", pair.right, frame.right, frames[1]),
+                ("left", images[0], frame.left, frames[0]),
+                ("right", images[1], frame.right, frames[1]),
             ):
                 _check(Path(place.name), image, Path(pairs[0].left.name), first, calibration)
                 writer.image(f"/{side}/image_raw", image, time_ns=frame.stamp_ns, frame_id=name)

@@ -48,9 +48,7 @@ class Reader:
         source = self._sources[frame.source]
         calibration = self._calibrations[frame.rig] if frame.rig >= 0 else None
         if source.kind != "bag":
-            with self._lock:
-                images = self._view(source, frame.left, "left"), self._view(source, frame.right, "right")
-            return _paired(frame, images, calibration)
+            return _paired(frame, self.images(frame), calibration)
         with self._lock:
             left, right = self._messages(source, frame)
         return make_pair(messages.decode(left), messages.decode(right), calibration)
@@ -81,6 +79,12 @@ class Reader:
                 self._videos.popitem(last=False)[1].close()
         self._videos.move_to_end(path)
         return self._videos[path]
+
+    def images(self, frame: Frame) -> tuple[RawImage, RawImage]:
+        """Left and right image of stills or frames, as they are."""
+        source = self._sources[frame.source]
+        with self._lock:
+            return self._view(source, frame.left, "left"), self._view(source, frame.right, "right")
 
     def read_before(self, frame: Frame) -> StereoPair | None:
         """Read the pair before one; None where there is none, or none that can be read."""

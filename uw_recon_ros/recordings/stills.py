@@ -166,7 +166,7 @@ def _without_times(
 
 
 def _by_number(paths: list[Path]) -> dict[int, Path]:
-    """By the last number of their names; where these come again, as on cards of several folders, by the folder's too."""
+    """By the last number of their names; where these come again, as on cards, by the folder's too."""
     found = [(re.findall(r"[0-9]+", path.stem), path) for path in paths]
     single = {int(digits[-1]): path for digits, path in found if digits}
     if len(single) == len(paths):
@@ -203,6 +203,6 @@ def _clocks_differ(name: str, ours: _Times, theirs: _Times) -> BagError:
     apart = (theirs.ns[0] - ours.ns[0]) / _SECOND
     return BagError(
         f"{name}: expected left and right stills of one time, got {ours.how} of which fewer than half have a partner ("
-        f"the first two are {apart:+.2f} s apart): tell how far the right camera's clock is ahead, --clock-offset SECONDS",
+        f"the first two are {apart:+.2f} s apart): tell how far the right camera's clock is ahead, --clock-offset S",
         Code.RECORDING_CLOCKS,
     )
