@@ -52,7 +52,8 @@ MAY_IMPORT = {
     "ros": NOUNS | STAGE_ROOMS | NODE_PARAMS | {"ros", "doctor", "messages"},
     "nodes": OFFLINE | {"ros", "nodes", "bags"},
     "survey": OFFLINE | {"survey", "recordings", "bags", "report", "messages", "warm"},
-    "model": OFFLINE | {"survey", "recordings", "report", "bags", "track", "locate", "fuse", "drape", "georeference", "model"},
+    "model": OFFLINE
+    | {"survey", "recordings", "report", "bags", "track", "locate", "fuse", "drape", "georeference", "model"},
     "executables": {"", "signals"},
     "cli": OFFLINE
     | {"cli", "pair", "warm", "bags", "recordings", "simulate", "report", "survey", "model", "doctor", "ros"},

@@ -12,6 +12,7 @@ from uw_recon_ros.bags import open_bag
 from uw_recon_ros.calibration.rectified import came_rectified
 from uw_recon_ros.errors import BagError, CalibrationError, ReconError
 from uw_recon_ros.files.calibrations import read_calibration
+from uw_recon_ros.findings import Code
 from uw_recon_ros.recordings.options import Options
 from uw_recon_ros.recordings.pair_index import Frame, Rigs, Walk
 from uw_recon_ros.recordings.read import Reader
@@ -67,19 +68,20 @@ def list_frames(
     BagError
         There is no pair at all; the text says why.
     """
-    listing, rigs = Listing(), Rigs(given, images_rectified)
+    listing, rigs, codes = Listing(), Rigs(given, images_rectified), list[Code]()
     for index, source in enumerate(sources):
         try:
             found = _list_source(source, index, options, rigs, listing.notes)
         except (BagError, CalibrationError) as error:
             listing.unreadable.append(str(error))
+            codes.append(error.code)
             continue
         _note_backward_steps(source, found, listing.notes)
         listing.frames += found
     listing.frames = _numbered(listing.frames)
     listing.pairs = len(listing.frames)
     if not listing.frames:
-        raise BagError("no stereo pairs: " + "; ".join([*listing.unreadable, *listing.notes]))
+        raise BagError("no stereo pairs: " + "; ".join([*listing.unreadable, *listing.notes]), *codes[:1])
     listing.calibrations = rigs.calibrations
     return listing
 

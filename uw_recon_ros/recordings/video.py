@@ -121,33 +121,43 @@ class Video:
         return np.asarray(found.reformat(width=width, height=height, format="gray").to_ndarray())
 
     def _decoded(self, mark: int) -> Any:
-        for time, frame in self._recent:
-            if time == mark:
-                return frame
-        last = self._recent[-1][0] if self._recent else None
+        """The frame of a moment: kept, reached by decoding on, or sought; from the beginning where seeking misses."""
+        kept = next((frame for time, frame in self._recent if time == mark), None)
+        if kept is not None:
+            return kept
         unit = float(self._unit or 1 / 25)
-        if self._frames is None or last is None or not 0 < (mark - last) * unit < _AHEAD_S:
-            self._rewind(mark)
-        try:
-            for frame in self._frames or ():
-                time = frame.pts if frame.pts is not None else frame.dts
-                self._recent.append((int(time or 0), frame))
-                if time is not None and time >= mark:
-                    break
-        except (self._av.FFmpegError, OSError) as error:
-            self._frames = None
-            raise ImageError(
-                f"{self.path.name}: the frame at {mark * unit:.3f} s is damaged: {_told(error)}"
-            ) from error
-        if not self._recent or self._recent[-1][0] != mark:
-            self._frames = None
-            raise ImageError(f"{self.path.name}: the frame at {mark * unit:.3f} s cannot be decoded")
-        return self._recent[-1][1]
+        last = self._recent[-1][0] if self._recent else None
+        near = self._frames is not None and last is not None and 0 < (mark - last) * unit < _AHEAD_S
+        for seek in (None, mark, 0) if near else (mark, 0):
+            if seek is not None:
+                self._rewind(seek)
+            try:
+                found = self._decode_on(mark)
+            except (self._av.FFmpegError, OSError) as error:
+                self._frames = None
+                raise ImageError(
+                    f"{self.path.name}: the frame at {mark * unit:.3f} s is damaged: {_told(error)}"
+                ) from error
+            if found is not None:
+                return found
+        self._frames = None
+        raise ImageError(f"{self.path.name}: the frame at {mark * unit:.3f} s cannot be decoded")
+
+    def _decode_on(self, mark: int) -> Any:
+        """Decode up to a moment; None where there is no frame of it."""
+        for frame in self._frames or ():
+            time = frame.pts if frame.pts is not None else frame.dts
+            self._recent.append((int(time or 0), frame))
+            if time is not None and time >= mark:
+                return frame if time == mark else None
+        return None
 
     def _rewind(self, mark: int) -> None:
         try:
-            self._file.seek(mark, stream=self._stream, backward=True)
+            self._file.seek(mark, stream=self._stream, backward=True, any_frame=False)
         except (self._av.FFmpegError, OSError):
+            self._file.seek(0)
+        if mark == 0:
             self._file.seek(0)
         self._recent.clear()
         self._frames = self._file.decode(self._stream)

@@ -70,7 +70,10 @@ def is_mpo(path: Path) -> bool:
     with path.open("rb") as stream:
         if b"MPF\0" not in stream.read(2**16):
             return False
-    return len(mpo_parts(path.read_bytes())) == 2
+    try:
+        return len(mpo_parts(path.read_bytes())) == 2
+    except ImageError:  # cut short: told when it is read
+        return True
 
 
 def _layout_of(options: Options, name: str, images: Iterator[np.ndarray | str], notes: list[str]) -> str:
