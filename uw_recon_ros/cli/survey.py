@@ -105,7 +105,7 @@ def _model(args: argparse.Namespace) -> None:
     """The model of what was surveyed, unless it is there."""
     from uw_recon_ros.model.build import Request, build_model, is_built
     from uw_recon_ros.model.params import DiveModelParams
-    from uw_recon_ros.survey.sources import find_sources
+    from uw_recon_ros.recordings.sources import find_sources
 
     if is_built(args.output):
         return
