@@ -44,6 +44,7 @@ class Code(str, Enum):
     CALIBRATION_DISTORTION_IMPLAUSIBLE = "calibration.distortion_implausible"
     CALIBRATION_IDENTICAL = "calibration.identical"
     CALIBRATION_INTRINSICS = "calibration.intrinsics"
+    CALIBRATION_MADE_IN_AIR = "calibration.made_in_air"
     CALIBRATION_NONE = "calibration.none"
     CALIBRATION_ONE_CAMERA = "calibration.one_camera"
     CALIBRATION_NOT_A_ROTATION = "calibration.not_a_rotation"

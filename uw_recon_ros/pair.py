@@ -53,6 +53,7 @@ def _report(result: Products) -> PairReport:
             "row_error_median_px": finite(quality.row_error_median_px),
             "row_error_p95_px": finite(quality.row_error_p95_px),
             "inliers": quality.inliers,
+            "medium": quality.medium or None,
             "refused": None,
             "warnings": [str(finding) for finding in quality.warnings],
         },
@@ -96,7 +97,7 @@ def _geometry(depth: DepthMap) -> PairReport:
 
 def _failure(stage: str, error: ReconError) -> PairReport:
     """A report of the same form for a pair that did not come through."""
-    nothing = dict.fromkeys(["method", "row_error_median_px", "row_error_p95_px", "inliers"])
+    nothing = dict.fromkeys(["method", "row_error_median_px", "row_error_p95_px", "inliers", "medium"])
     matching = dict.fromkeys(["method", "energy", "seconds", "density", "min_disparity", "max_disparity"])
     return {
         "rectification": {**nothing, "refused": str(error) if stage == "rectify" else None, "warnings": []},

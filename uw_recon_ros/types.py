@@ -293,6 +293,9 @@ class RectificationQuality:
         Tie points that the epipolar geometry explains.
     warnings : tuple of Finding
         E.g. a flat scene, a rig calibrated in air and used in water.
+    medium : str
+        What the rows of a calibrated pair say: it works in ``water`` though calibrated in air, ``as calibrated``, or
+        ``cannot tell``; empty where nobody looked.
     """
 
     method: str
@@ -300,6 +303,7 @@ class RectificationQuality:
     row_error_p95_px: float = float("nan")
     inliers: int = 0
     warnings: tuple[Finding, ...] = ()
+    medium: str = ""
 
 
 @dataclass(frozen=True, eq=False)

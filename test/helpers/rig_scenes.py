@@ -16,6 +16,7 @@ from uw_recon_ros.types import CameraModel, EnhancedPair, StereoCalibration
 
 Array = NDArray[np.float64]
 NO_DISTORTION = np.zeros(5)
+_WATER_INDEX = 1.333
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,3 +210,18 @@ def calibration_of(rig: Rig, *, alpha: float = 0.0) -> StereoCalibration:
         for side, r, p in ((left, r1, p1), (right, r2, p2))
     ]
     return StereoCalibration(*cameras)
+
+
+def through_flat_ports(rig: Rig, points: Array, noise: float = 0.2) -> TiePoints:
+    """Snell's law at a thin port in front of each pinhole: ``sin(air) = 1.333 sin(water)``."""
+    pixels = []
+    rng = np.random.default_rng(0)
+    for camera in (rig.left, rig.right):
+        x, y, z = (points @ camera.rotation.T + camera.translation).T
+        radius = np.hypot(x, y)
+        air = np.arcsin(_WATER_INDEX * np.sin(np.arctan2(radius, z)))
+        scale = np.tan(air) / radius
+        pixels.append(np.column_stack([x * scale, y * scale]) * rig.left.k[0, 0] + camera.k[:2, 2])
+        pixels[-1] += rng.normal(0, noise, pixels[-1].shape)
+    inside = np.all([(p >= 0).all(axis=1) & (p <= [rig.width, rig.height]).all(axis=1) for p in pixels], axis=0)
+    return TiePoints(pixels[0][inside], pixels[1][inside], rig.width, rig.height)

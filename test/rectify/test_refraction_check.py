@@ -1,31 +1,17 @@
 """A rig calibrated in air looks through flat ports into water: told from its rows, by exact refraction."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.rig_scenes import calibration_of, make_rig, scatter, tie_points
+from helpers.rig_scenes import calibration_of, make_rig, scatter, through_flat_ports, tie_points, tie_points_of
 
 from uw_recon_ros.findings import Code
-from uw_recon_ros.rectify import RectifyParams, TiePoints, rectification_from_calibration
+from uw_recon_ros.rectify import RectifyParams, rectification_from_calibration
 
 WATER = 1.333
 RIG = make_rig(angles_deg=(3.0, -4.0, 2.0), center=(0.15, 0.005, 0.0))
-
-
-def through_flat_ports(rig, points, noise=0.2):
-    """Snell's law at a thin port in front of each pinhole: ``sin(air) = 1.333 sin(water)``."""
-    pixels = []
-    rng = np.random.default_rng(0)
-    for camera in (rig.left, rig.right):
-        x, y, z = (points @ camera.rotation.T + camera.translation).T
-        radius = np.hypot(x, y)
-        air = np.arcsin(WATER * np.sin(np.arctan2(radius, z)))
-        scale = np.tan(air) / radius
-        pixels.append(np.column_stack([x * scale, y * scale]) * rig.left.k[0, 0] + camera.k[:2, 2])
-        pixels[-1] += rng.normal(0, noise, pixels[-1].shape)
-    inside = np.all([(p >= 0).all(axis=1) & (p <= [rig.width, rig.height]).all(axis=1) for p in pixels], axis=0)
-    return TiePoints(pixels[0][inside], pixels[1][inside], rig.width, rig.height)
 
 
 @pytest.fixture(scope="module")
@@ -63,3 +49,43 @@ def test_a_rig_that_moved_is_not_taken_for_it(angles):
 def test_few_tie_points_accuse_nobody(in_water):
     found = rectification_from_calibration(calibration_of(RIG), RectifyParams(), in_water.take(np.arange(20)))
     assert not any("water" in w.text for w in found.quality.warnings)
+
+
+def test_metres_are_withheld_until_the_medium_is_said(in_water):
+    unknown, told_, air = (
+        rectification_from_calibration(calibration_of(RIG), RectifyParams(medium=medium), in_water)
+        for medium in ("unknown", "as_used", "air")
+    )
+    assert [r.geometry.metric for r in (unknown, told_, air)] == [False, True, False]
+    assert {w.code for w in told(unknown)} >= {Code.RECTIFY_CALIBRATED_IN_AIR, Code.RECTIFY_SCALE_WITHHELD}
+    assert Code.RECTIFY_CALIBRATED_IN_AIR in {w.code for w in told(told_)}
+    assert Code.CALIBRATION_MADE_IN_AIR in {w.code for w in told(air)}
+
+
+def test_air_said_withholds_metres_without_any_tie_points():
+    found = rectification_from_calibration(calibration_of(RIG), RectifyParams(medium="air"))
+    assert not found.geometry.metric
+    assert Code.CALIBRATION_MADE_IN_AIR in {w.code for w in found.quality.warnings}
+
+
+def test_a_common_shift_of_the_rows_hides_no_water(in_water):
+    """Ports and mounting move all rows by some pixels: 2.8 in a real tank."""
+    shifted = replace(in_water, right=in_water.right + np.array([0.0, 2.8]))
+    found = rectification_from_calibration(calibration_of(RIG), RectifyParams(), shifted)
+    assert found.quality.medium == "water"
+    assert not found.geometry.metric
+
+
+def test_the_rows_say_that_a_rig_works_as_calibrated():
+    found = rectification_from_calibration(calibration_of(RIG), RectifyParams(), tie_points(RIG, 600))
+    assert found.quality.medium == "as calibrated"
+    assert found.geometry.metric
+
+
+def test_parallel_cameras_that_look_far_cannot_tell():
+    """Nothing in their rows depends on the medium: neither answer would be honest."""
+    rig = make_rig(angles_deg=(0.0, 0.0, 0.0), center=(0.15, 0.0, 0.0))
+    far = scatter(rig, 600, 8.0, 20.0) * [0.7, 0.7, 1.0]
+    for found in (through_flat_ports(rig, far), tie_points_of(rig, far, 0.2)):
+        quality = rectification_from_calibration(calibration_of(rig), RectifyParams(), found).quality
+        assert quality.medium == "cannot tell"

@@ -97,6 +97,7 @@ def report_rectification(diagnostics: Diagnostics, pair: RectifiedPair) -> None:
         row_error_median_px=f"{quality.row_error_median_px:.3f}",
         row_error_p95_px=f"{quality.row_error_p95_px:.3f}",
         inliers=quality.inliers,
+        medium=quality.medium or None,
         scale="metric" if pair.geometry.metric else "unknown",
         rectifying_rotation_deg=f"{rectified_frame.rotation_deg(pair.geometry):.3f}",
     )

@@ -12,7 +12,7 @@ from uw_recon_ros.findings import Code, Finding, Severity, worst
 from uw_recon_ros.rectify.params import RectifyParams
 from uw_recon_ros.rectify.rectification import Rectification, behind, exchanged
 from uw_recon_ros.rectify.rectified_camera import RectifiedCamera, Views
-from uw_recon_ros.rectify.refraction_check import port_index
+from uw_recon_ros.rectify.refraction_check import PortIndex, port_index
 from uw_recon_ros.rectify.rows import RowAgreement, not_checked
 from uw_recon_ros.rectify.stereo_info import judged_rig
 from uw_recon_ros.rectify.tie_points import TiePoints
@@ -23,6 +23,13 @@ from uw_recon_ros.types import (
     StereoCalibration,
     StereoGeometry,
     Window,
+)
+
+_MADE_IN_AIR = Finding(
+    Code.CALIBRATION_MADE_IN_AIR,
+    "metres withheld: the calibration was made in air (medium: air), where depth in water comes out a quarter short",
+    Severity.UNRELIABLE,
+    "calibrate in water",
 )
 
 
@@ -86,7 +93,8 @@ def _check_sides(rectification: Rectification, tie_points: TiePoints) -> None:
 def judged(rectification: Rectification, tie_points: TiePoints, params: RectifyParams) -> Rectification:
     """Measure a calibrated rectification on tie points, none of which it was made from.
 
-    Over `row_withhold_permille` what comes back has no scale, so that no door gives out metres.
+    Over `row_withhold_permille`, and where the rows say that it was made in air and is used in water (unless `medium`
+    is ``as_used``), what comes back has no scale, so that no door gives out metres.
 
     Parameters
     ----------
@@ -103,34 +111,52 @@ def judged(rectification: Rectification, tie_points: TiePoints, params: RectifyP
     """
     _check_sides(rectification, tie_points)
     rows = RowAgreement.measured(rectification, tie_points)
+    medium, findings = _medium(rectification, tie_points, rows, params)
     quality = replace(
         rectification.quality,
         row_error_median_px=rows.median_px,
         row_error_p95_px=rows.p95_px,
         inliers=len(tie_points),
-        warnings=_of_calibration(rectification) + _warnings(rectification, tie_points, rows, params),
+        warnings=_of_calibration(rectification) + findings,
+        medium=medium,
     )
+    withheld = any(finding.code == Code.RECTIFY_SCALE_WITHHELD for finding in findings)
     geometry = rectification.geometry
-    return replace(rectification, quality=quality, geometry=geometry.unscaled if rows.withheld(params) else geometry)
+    return replace(rectification, quality=quality, geometry=geometry.unscaled if withheld else geometry)
 
 
-def _warnings(
+def _medium(
     rectification: Rectification, tie_points: TiePoints, rows: RowAgreement, params: RectifyParams
-) -> tuple[Finding, ...]:
+) -> tuple[str, tuple[Finding, ...]]:
+    """In what the rig works, by its rows, and what is to be told of them."""
     findings = rows.findings(params)
-    wrong = worst(_of_calibration(rectification)) >= Severity.UNRELIABLE  # a wrong resolution looks like water
-    if wrong or not rows.unreliable(params):
-        return findings
+    if worst(_of_calibration(rectification)) >= Severity.UNRELIABLE:  # a wrong resolution looks like water
+        return "", findings
     found = port_index(tie_points, rectification.left, rectification.right, rectification.geometry.axis)
-    if found is None or not found.water:
-        return findings
+    if found is None or found.medium != "water":
+        return "cannot tell" if found is None else found.medium, findings
+    others = (f for f in findings if f.code not in (Code.RECTIFY_ROWS_DISAGREE, Code.RECTIFY_SCALE_WITHHELD))
+    withheld = () if params.medium == "as_used" else (_metres_of_air(found.index),)
+    return found.medium, (_in_air(found, params), *withheld, *others)
+
+
+def _in_air(found: PortIndex, params: RectifyParams) -> Finding:
     text = (
-        f"calibrated in air, used in water? rows disagree by {rows.median_px:.1f} px (median); a focal length "
-        f"{found.index:.2f} times as long, as water behind flat ports makes it, leaves "
+        f"calibrated in air, used in water? rows disagree by {found.row_error_at_one_px:.1f} px (median, their common "
+        f"shift apart); a focal length {found.index:.2f} times as long, as water behind flat ports makes it, leaves "
         f"{found.row_error_px:.1f} px: depth would be about {1 - 1 / found.index:.0%} short"
     )
-    in_air = Finding(Code.RECTIFY_CALIBRATED_IN_AIR, text, Severity.UNRELIABLE, "calibrate in water")
-    return (in_air, *(finding for finding in findings if finding.code != Code.RECTIFY_ROWS_DISAGREE))
+    told = " (medium: as_used says that it was made in water)" if params.medium == "as_used" else ""
+    return Finding(Code.RECTIFY_CALIBRATED_IN_AIR, text + told, Severity.UNRELIABLE, "calibrate in water")
+
+
+def _metres_of_air(index: float) -> Finding:
+    return Finding(
+        Code.RECTIFY_SCALE_WITHHELD,
+        f"metres withheld: by the rows the calibration was made in air: depth in water is {1 - 1 / index:.0%} short",
+        Severity.UNRELIABLE,
+        "calibrate in water, or say medium: as_used if that was done",
+    )
 
 
 def unjudged(rectification: Rectification, why: str) -> Rectification:
@@ -190,4 +216,6 @@ def rectification_from_calibration(
     else:
         rectification = _warped((left, right), size, lambda le, ri: _geometry(le, ri, axis, baseline), params)
     rectification = _marked(rectification, judgement.findings)
+    if params.medium == "air":
+        rectification = _marked(replace(rectification, geometry=rectification.geometry.unscaled), (_MADE_IN_AIR,))
     return rectification if tie_points is None else judged(rectification, tie_points, params)

@@ -22,6 +22,12 @@ class RectifyParams(Params):
         "(image_rect, image_rect_color, ...), and no for files.",
         choices=("auto", "yes", "no"),
     )
+    medium: str = param(
+        "unknown",
+        "What the calibration was made in: the medium it is used in (as_used), air for a dive in water (air: no metres "
+        "are given out), or not known: where the rows say air, metres are withheld.",
+        choices=("unknown", "as_used", "air"),
+    )
     rig_axis: str = param(
         "auto",
         "How the cameras of an uncalibrated rig stand: side by side, one above the other, or found from the images.",

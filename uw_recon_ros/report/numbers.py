@@ -99,6 +99,7 @@ def rectification_rows(quality: RectificationQuality) -> Rows:
         ("Row error, median", measured(quality.row_error_median_px, "px")),
         ("Row error, 95th percentile", measured(quality.row_error_p95_px, "px")),
         ("Tie points that agree", f"{quality.inliers}"),
+        *([("Medium, by the rows", quality.medium)] if quality.medium else []),
     ]
 
 

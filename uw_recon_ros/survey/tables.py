@@ -145,6 +145,7 @@ def _rig(found: Rectification) -> dict[str, Any]:
         "row_error_median_px": finite(quality.row_error_median_px),
         "row_error_p95_px": finite(quality.row_error_p95_px),
         "inliers": quality.inliers,
+        "medium": quality.medium or None,
         "warnings": [str(finding) for finding in quality.warnings],
         "axis": geometry.axis,
         "focal_px": geometry.focal_px,
