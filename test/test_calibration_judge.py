@@ -89,6 +89,22 @@ def test_sizes_are_held_against_the_images() -> None:
     refusal = judge_calibration(StereoCalibration(camera(), camera(-60.0)), (320, 240)).refusal
     assert refusal is not None
     assert refusal.code == Code.CALIBRATION_SIZE_DIFFERS
+    assert "binning" not in refusal.text
+
+
+def test_binning_is_named_where_a_binned_size_does_not_fit() -> None:
+    binned = camera_from_info(message(2, (0, 0, 0, 0)))
+    refusal = judge_calibration(StereoCalibration(binned, binned), (640, 480)).refusal
+    assert refusal is not None
+    assert refusal.code == Code.CALIBRATION_SIZE_DIFFERS
+    assert "binning_x 2" in refusal.text
+
+
+def test_nothing_is_said_of_a_sound_calibration() -> None:
+    assert (
+        judge_calibration(StereoCalibration(camera(), camera(-60.0, d=[-0.24, 0.07, 0, 0, 0])), (640, 480)).findings
+        == ()
+    )
 
 
 def test_depth_is_held_against_the_baseline() -> None:

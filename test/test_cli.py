@@ -301,4 +301,4 @@ def test_identical_and_exchanged_images_are_noticed(
     assert main(["pair", left, left, "-o", str(tmp_path / "out")]) == 1
     assert capsys.readouterr().err.count("the same twice") == 2
     assert main(["disparity", right, left, *output]) == 1
-    assert "exchanged images" in capsys.readouterr().err
+    assert "left and right images are swapped" in capsys.readouterr().err

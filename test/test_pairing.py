@@ -116,3 +116,19 @@ def test_one_camera_alone_is_bounded_and_counted() -> None:
     assert sync.dropped == 6
     assert sync.push(1, 9, 9) == [(9, 9)]
     assert sync.dropped == 9
+
+
+def test_what_is_kept_aside_is_replaced_by_its_like_and_counted():
+    s = Synchronizer(2)
+    for stamp, item in ((100, "a"), (50, "b"), (100, "c"), (60, "d")):  # set back twice: c takes the place of a
+        s.push(0, stamp, item)
+    assert s.dropped == 1
+
+
+def test_what_is_kept_aside_stays_within_the_depth():
+    s = Synchronizer(3, tolerance_ns=10, depth=2)
+    s.push(1, 100, "partner")
+    s.push(1, 50, "next round")
+    for k in range(5):  # each finds a partner aside; the third stream says nothing
+        assert s.push(0, 100 + k, k) == []
+    assert s.dropped == 3

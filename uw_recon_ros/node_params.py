@@ -51,7 +51,7 @@ class CameraParams(Params):
         high=LARGEST_PIXELS,
     )
     max_rate_hz: float = param(
-        0.0, "Pairs a second worked on at most, the others passed over; 0: no limit.", unit="Hz", low=0, high=1e3
+        0.0, "Pairs per second worked on at most, the others passed over; 0: no limit.", unit="Hz", low=0, high=1e3
     )
 
 

@@ -151,7 +151,7 @@ def _expect_surface(result: Products, left: str | Path, right: str | Path) -> No
         points = int(np.isfinite(result.cloud.points).all(axis=-1).sum())
         raise EstimationError(
             f"{left}, {right}: expected depth on many pixels, got {points} points and no surface: do both show the "
-            "same scene, sharp and lit, left and right not exchanged? The enhanced images show what was matched",
+            "same scene, sharp and lit, left and right not swapped? The enhanced images show what was matched",
             Code.MATCH_NOTHING,
         )
 

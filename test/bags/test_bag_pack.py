@@ -129,7 +129,7 @@ def test_independently_numbered_files_are_paired_by_order(tmp_path: Path) -> Non
 def test_nothing_is_overwritten_unasked(tmp_path: Path) -> None:
     left, right = folders(tmp_path, 2)
     pack(left, right, tmp_path / "bag")
-    with pytest.raises(BagError, match="expected a free name, something is there already"):
+    with pytest.raises(BagError, match="already exists: choose another name"):
         pack(left, right, tmp_path / "bag")
     pack(left, right, tmp_path / "bag", overwrite=True, rate_hz=1.0)
     assert bag_info(tmp_path / "bag").rate_hz == pytest.approx(1.0)

@@ -104,7 +104,7 @@ class Heard:
         make(DiagnosticArray, "/diagnostics", self._on_diagnostics, 50)
 
     def rate(self, node: str) -> float:
-        """Pairs a second that a node says it sent on lately."""
+        """Pairs per second that a node says it sent on lately."""
         return max(float(value) for key, value in self.nodes[node].items() if key.startswith("out "))
 
     def _on_info(self, message: CameraInfo, about: dict[str, Any]) -> None:

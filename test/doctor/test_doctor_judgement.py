@@ -274,7 +274,7 @@ def test_no_scale(seen: Observation, words: str) -> None:
     [
         (info(left=numbers(width=320)), "expected 640x480 px as the images, got 320x480"),
         (info(right=numbers(40.0)), "expected P[3] = -fx B < 0"),
-        (info(left=numbers(-40.0), right=numbers()), "are left and right exchanged"),
+        (info(left=numbers(-40.0), right=numbers()), "are left and right swapped"),
         (info(left=numbers(d=(1.0, 2.0))), "left D: expected 4 or 5 finite numbers"),
     ],
 )
@@ -333,7 +333,7 @@ def test_a_refused_rectification() -> None:
     assert "/rectify_node refuses every frame: left and right images are swapped" in line
     assert "EstimationError x12" in line
     assert "superseded" not in line
-    assert "-> exchange the topics of left and right" in line
+    assert "-> swap the topics of left and right" in line
 
 
 def test_frames_given_up_so_far_are_told() -> None:
@@ -399,7 +399,7 @@ def test_clouds_with_little_or_nothing_in_them() -> None:
     assert "clouds without a point -> look at disparity/status" in cause(empty)
     behind = Status(0, "working", {"disparities": "-77 to -25 px"})
     exchanged = cause(with_node(empty, "disparity_node", statuses=(behind,)))
-    assert "left and right seem exchanged; disparities are -77 to -25 px -> exchange the topics" in exchanged
+    assert "left and right images seem swapped; disparities are -77 to -25 px -> swap the topics" in exchanged
     ahead = Status(0, "working", {"disparities": "-7 to 25 px"})
     assert "exchanged" not in cause(with_node(empty, "disparity_node", statuses=(ahead,)))
     assert "3% of the pixels have a point" in warnings(spoil(healthy(), "points2", arrivals=images(valid_share=0.03)))

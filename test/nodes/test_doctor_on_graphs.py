@@ -278,7 +278,7 @@ def test_exchanged_cameras(bench: Bench, rig: Rig, examine: Any) -> None:
     bench.start(RectifyNode)
     line = cause(examine("refuses"))
     assert "/rectify_node refuses every frame: left and right images are swapped" in line
-    assert "exchange the topics" in line
+    assert "swap the topics" in line
 
 
 def test_an_inactive_node(bench: Bench, rig: Rig, examine: Any) -> None:

@@ -227,7 +227,7 @@ def spoiled(**fields: Any) -> CameraInfo:
 BAD_INFOS = {
     "nan": (spoiled(k=np.full(9, math.nan)), "K: expected 9 finite numbers"),
     "another size": (spoiled(width=2 * WIDTH), "expected 160x120 px as the images"),
-    "exchanged": (spoiled(p=np.array([150.0, 0, 79.5, 15, 0, 150, 59.5, 0, 0, 0, 1, 0])), "exchange"),
+    "exchanged": (spoiled(p=np.array([150.0, 0, 79.5, 15, 0, 150, 59.5, 0, 0, 0, 1, 0])), "swap"),
     "unknown distortion": (spoiled(distortion_model="magic", d=[1.0, 2.0]), "magic"),
     "other focal length": (spoiled(p=np.array([170.0, 0, 79.5, -15, 0, 150, 59.5, 0, 0, 0, 1, 0])), "150 and"),
 }

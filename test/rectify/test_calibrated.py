@@ -181,7 +181,7 @@ def p_of(side="right", **entries):
         (changed("right", p=p_of(p03=0.0)), "two single cameras, not a stereo rig"),
         (changed("right", p=p_of(p03=90.0)), "P.3. = -fx B < 0, got 90"),
         (changed("right", p=p_of(p13=-50.0)), "either P.3. or P.7. to be 0"),
-        (changed("left", p=p_of("left", p03=-90.0)), "left P: expected P.3. = P.7. = 0, got -90.*exchanged"),
+        (changed("left", p=p_of("left", p03=-90.0)), "left P: expected P.3. = P.7. = 0, got -90.*swapped"),
         (changed("right", p=p_of(p12=100.0)), "one cy for both rectified views"),
         (changed("right", p=p_of(p00=700.0)), "one fx and fy for both rectified views"),
         (changed("right", p=p_of(p22=2.0)), r"right P: expected \[fx 0 cx Tx"),

@@ -90,7 +90,7 @@ def test_the_same_parameters_give_the_same_file(tmp_path: Path) -> None:
 def test_nothing_is_overwritten_unasked(tmp_path: Path) -> None:
     one = dataclasses.replace(TINY, frames=1)
     simulate(tmp_path / "dive", one)
-    with pytest.raises(BagError, match="something is there already"):
+    with pytest.raises(BagError, match="already exists"):
         simulate(tmp_path / "dive", one)
     simulate(tmp_path / "dive", dataclasses.replace(one, seed=9), overwrite=True)
 

@@ -108,7 +108,7 @@ def test_a_scheduler_killed_midway_is_one_line_and_the_work_goes_on(
     cluster.scheduler.kill()
     _, err = survey.communicate()
     assert survey.returncode == 1
-    assert "the scheduler is gone; the same command goes on from there" in err
+    assert "the scheduler is gone; the same command resumes there" in err
     assert err.count("\n") == 1
     assert main([*args, "--jobs", "1"]) == 0
     assert len(list((tmp_path / "out" / "disparity").iterdir())) == FRAMES

@@ -337,7 +337,7 @@ def test_a_full_disk_stops_it_and_it_goes_on_when_there_is_room(
     done = subprocess.run([sys.executable, str(script), str(limit), *args], capture_output=True, text=True, check=False)
     assert done.returncode == 1
     assert "larger than this file system or a limit on this process allows" in done.stderr
-    assert "the same command goes on from there" in done.stderr
+    assert "the same command resumes there" in done.stderr
     assert done.stderr.count("\n") == 1
     assert not (tmp_path / "out" / "frames.csv").exists()
     assert main(args) == 0
@@ -408,7 +408,7 @@ def test_ctrl_c_leaves_what_is_done(room: Path, undisturbed: Path, tmp_path: Pat
         [sys.executable, str(tmp_path / "interrupted.py"), *args], stderr=subprocess.PIPE, text=True, check=False
     )
     assert survey.returncode == 130
-    assert "interrupted; the same command goes on from there" in survey.stderr
+    assert "interrupted; the same command resumes there" in survey.stderr
     assert "Traceback" not in survey.stderr
     assert len((tmp_path / "out" / "state" / "journal.jsonl").read_text().splitlines()) < FRAMES
     assert main(arguments(room, tmp_path / "out")) == 0

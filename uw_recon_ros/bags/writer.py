@@ -141,7 +141,7 @@ def _refuse_occupied(path: Path, overwrite: bool) -> None:
     if not path.exists():
         return
     if not overwrite:
-        raise BagError(f"{path}: expected a free name, something is there already")
+        raise BagError(f"{path}: already exists: choose another name")
     is_bag = path.suffix == ".mcap" if path.is_file() else _holds_only_a_bag(path)
     if not is_bag:
         raise BagError(f"{path}: expected a bag to replace, got something else: left as it is")

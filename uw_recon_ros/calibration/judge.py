@@ -270,7 +270,7 @@ def _axis_and_baseline(left: Matrix, right: Matrix) -> tuple[Axis, float]:
 def _baseline(left: Matrix, right: Matrix, axis: Axis) -> Iterator[Finding]:
     if np.abs(left[:2, 3]).max() > 1e-9:
         text = f"left P: expected P[3] = P[7] = 0, got {left[0, 3]:g} and {left[1, 3]:g}"
-        advice = "are left and right exchanged, or is the right camera's P sent for the left?"
+        advice = "are left and right swapped, or is the right camera's P sent for the left?"
         yield _refused(Code.CALIBRATION_BASELINE_LEFT, text, advice)
         return
     across, along = sorted(np.abs(right[:2, 3] / np.diag(right)[:2]))
@@ -279,9 +279,7 @@ def _baseline(left: Matrix, right: Matrix, axis: Axis) -> Iterator[Finding]:
         yield _refused(Code.CALIBRATION_BASELINE_OBLIQUE, text)
     if axis == "horizontal" and right[0, 3] > 0:
         text = f"right P: expected P[3] = -fx B < 0, got {right[0, 3]:g}: the right camera would stand on the left"
-        advice = (
-            "either the driver writes P[3] without its minus (mend P), or the cameras are exchanged (exchange them)"
-        )
+        advice = "either the driver writes P[3] without its minus (mend P), or the cameras are swapped (swap them)"
         yield _refused(Code.CALIBRATION_BASELINE_SIGN, text, advice)
 
 

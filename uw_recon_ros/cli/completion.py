@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection
 from uw_recon_ros.cli.common import OK
 from uw_recon_ros.errors import ReconError
 
-HELP = "print what teaches the shell to complete our arguments"
+HELP = "print the shell's completion script"
 DESCRIPTION = (
     "Shell code for standard output; needs the package argcomplete. For bash, in ~/.bashrc: "
     'eval "$(uw_recon completion bash)"; for zsh, in ~/.zshrc after compinit: eval "$(uw_recon completion zsh)".'

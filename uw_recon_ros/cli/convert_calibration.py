@@ -8,7 +8,7 @@ import re
 from uw_recon_ros.cli.common import OK, UsageError
 from uw_recon_ros.progress import say
 
-HELP = "rewrite a rig's calibration in another form"
+HELP = "convert a stereo calibration to another file format"
 DESCRIPTION = (
     "Read a calibration in any form (ROS, ost.txt, topic echo, kalibr, EuRoC, OpenCV, VIAME, ZED, MATLAB, KITTI, "
     "COLMAP), judge it, and write it."

@@ -9,28 +9,33 @@ import sys
 from uw_recon_ros.cli.common import OK, pipeline_params, warn
 from uw_recon_ros.match.methods import EFFORTS, METHODS
 
-HELP = "match an already rectified pair"
-DESCRIPTION = "Match a rectified pair; JSON on stdout."
+HELP = "match a rectified image pair: a disparity map"
+DESCRIPTION = "Compute the disparity map of two rectified images; a summary as JSON on standard output."
 EPILOG = None
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what it takes."""
-    parser.add_argument("left")
-    parser.add_argument("right")
+    parser.add_argument("left", help="rectified image of the left camera")
+    parser.add_argument("right", help="rectified image of the right camera")
     parser.add_argument(
         "-o", "--output", required=True, metavar="FILE", help=".pfm (invalid = inf), .tiff (float32, invalid = NaN) "
         "or .png (16 bits, 256 times the disparity, invalid = 0)",
     )  # fmt: skip
     parser.add_argument("--overwrite", action="store_true", help="replace the file if there is one")
-    parser.add_argument("--max-disparity", type=int, metavar="N", help="inclusive, px; default: found from the images")
-    parser.add_argument("--min-disparity", type=int, metavar="N", help="inclusive, px")
+    parser.add_argument(
+        "--max-disparity",
+        type=int,
+        metavar="N",
+        help="largest disparity searched, inclusive, px; default: found from the images",
+    )
+    parser.add_argument("--min-disparity", type=int, metavar="N", help="smallest disparity searched, inclusive, px")
     parser.add_argument("--method", choices=METHODS, help="default: the first, or what the parameter file says")
     parser.add_argument(
         "--effort",
         choices=EFFORTS,
-        help="of graph_cut: navigation takes a tenth of a second for 640x480 pixels and makes no cut; balanced (the "
-        "default) cuts, in about a second; quality cuts until little moves any more, in many seconds",
+        help="speed of graph_cut: navigation takes a tenth of a second for 640x480 pixels and makes no cut; balanced "
+        "(the default) cuts, in about a second; quality cuts until little moves any more, in many seconds",
     )
     parser.add_argument("--params", metavar="FILE", help="ROS parameter file")
 

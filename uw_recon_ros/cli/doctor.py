@@ -8,7 +8,7 @@ import sys
 from uw_recon_ros.cli.common import FAILED, OK, UsageError
 from uw_recon_ros.errors import ReconError
 
-HELP = "say why a running graph brings no cloud"
+HELP = "diagnose why no point cloud is published"
 DESCRIPTION = "Look at the running nodes, cameras to cloud, and name what is wrong and what to do about it."
 EPILOG = (
     "Exit code: 0 clouds come, 1 a problem was found (the last line names the most likely cause), 2 wrong "

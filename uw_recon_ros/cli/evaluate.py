@@ -10,7 +10,7 @@ from uw_recon_ros.cli.common import OK
 from uw_recon_ros.errors import ReconError
 from uw_recon_ros.progress import say
 
-HELP = "compare a disparity map with the truth"
+HELP = "compare a disparity map with the ground truth"
 DESCRIPTION = (
     "A table on standard error, JSON on standard output; bad-x is the share of pixels, in percent, "
     "whose error is over x px."

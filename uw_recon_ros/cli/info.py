@@ -9,15 +9,17 @@ import sys
 from uw_recon_ros.cli.common import FAILED, OK, UsageError
 from uw_recon_ros.pairing import PAIR_TOLERANCE_MS
 
-HELP = "tell whether a bag can be reconstructed"
-DESCRIPTION = None
-EPILOG = "Exit code: 0 it can, 1 it cannot, 2 wrong usage."
+HELP = "check whether a bag can be reconstructed"
+DESCRIPTION = "Check whether a bag can be reconstructed: topics, pairs, stamps, calibration, damage."
+EPILOG = "Exit code: 0 it can be reconstructed, 1 it cannot, 2 wrong usage."
 _LARGEST_TOLERANCE_MS = 1e3
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what it takes."""
-    parser.add_argument("bag", metavar="BAG", help="or a video, or a folder of stills")
+    parser.add_argument(
+        "bag", metavar="BAG", help="rosbag2 bag (a folder, .mcap or .db3), a video, or a folder of stills"
+    )
     parser.add_argument("--json", action="store_true", help="one JSON object instead of the text")
     parser.add_argument(
         "--pair-tolerance-ms", type=float, default=PAIR_TOLERANCE_MS, metavar="MS",

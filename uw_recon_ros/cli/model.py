@@ -9,7 +9,7 @@ import sys
 from uw_recon_ros.cli.common import OK, UsageError, add_params, given_params, one_blas_thread, warn
 from uw_recon_ros.progress import say
 
-HELP = "make one model of a surveyed dive"
+HELP = "fuse a survey into one surface model with maps"
 DESCRIPTION = (
     "Of a survey that was made with --write model: where the vehicle was, one coloured surface and maps, in DIR/model/."
 )

@@ -6,8 +6,8 @@ import argparse
 
 from uw_recon_ros.cli.common import OK, add_calibration, shown
 
-HELP = "put folders of stills into a bag"
-DESCRIPTION = "Stills to a rosbag2 bag."
+HELP = "convert image folders to a bag"
+DESCRIPTION = "Convert image folders to a rosbag2 bag, left and right paired in the order of their names."
 EPILOG = None
 
 
@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--right", required=True, metavar="GLOB")
     parser.add_argument("-o", "--output", required=True, metavar="BAG")
     add_calibration(parser)
-    parser.add_argument("--rate", type=float, default=2.0, metavar="HZ", help="pairs a second (default %(default)s)")
+    parser.add_argument("--rate", type=float, default=2.0, metavar="HZ", help="pairs per second (default %(default)s)")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -6,7 +6,7 @@ import argparse
 
 from uw_recon_ros.cli.common import OK, UsageError, shown
 
-HELP = "make a bag with known depth"
+HELP = "simulate a stereo dive as a bag, with its true depth"
 DESCRIPTION = "Ray-cast a stereo dive through simulated water; the bag holds the true depth too."
 EPILOG = None
 

@@ -42,11 +42,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what it takes."""
     from uw_recon_ros.survey.params import SurveyParams
 
-    parser.add_argument("inputs", nargs="+", metavar="BAG", help="bags, folders of bags, folders with left/ and right/")
+    parser.add_argument(
+        "inputs", nargs="+", metavar="BAG", help="bags, folders of bags, or folders of images with left/ and right/"
+    )
     parser.add_argument("-o", "--output", required=True, metavar="DIR", help="folder to fill, or to go on with")
     parser.add_argument("--params", metavar="FILE", help="ROS parameter file")
     add_calibration(parser)
-    parser.add_argument("--overwrite", action="store_true", help="clear what another survey left in DIR")
+    parser.add_argument(
+        "--overwrite", action="store_true", help="start over: remove the results of an earlier survey in DIR"
+    )
     workers = parser.add_mutually_exclusive_group()
     workers.add_argument("--jobs", type=_positive, metavar="N", help="local processes (default: all cores)")
     workers.add_argument("--dask", metavar="ADDRESS", help="scheduler of a Dask cluster, e.g. tcp://10.0.0.1:8786")
@@ -84,7 +88,7 @@ def run(args: argparse.Namespace) -> int:
     try:
         outcome = run_survey(request, lambda: _executor(args), progress)
     except KeyboardInterrupt:
-        signals.tell_interrupted(f"{args.output}: interrupted; the same command goes on from there")
+        signals.tell_interrupted(f"{args.output}: interrupted; the same command resumes there")
         return signals.INTERRUPTED
     _tell(outcome, args)
     if args.model:

@@ -8,7 +8,7 @@ import sys
 from uw_recon_ros.cli.common import OK
 from uw_recon_ros.progress import say
 
-HELP = "compile everything now"
+HELP = "compile all kernels now, not at the first use"
 DESCRIPTION = (
     "Compile all kernels and keep them, so that no first call waits; where: $NUMBA_CACHE_DIR, else the "
     "user's cache directory."

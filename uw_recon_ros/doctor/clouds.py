@@ -27,7 +27,7 @@ def _empty(topic: Topic, seen: Observation) -> Check:
         found = _RANGE.search(said.get("disparities", ""))
         if (found and int(found[2]) < 0) or said.get("last drop code") in EXCHANGED:
             searched = f"; disparities are {found[0]}" if found else ""
-            return fail(_STAGE, f"{text}: left and right seem exchanged{searched}", EXCHANGE)
+            return fail(_STAGE, f"{text}: left and right images seem swapped{searched}", EXCHANGE)
     return fail(_STAGE, text, "look at disparity/status: it says why, pixel by pixel")
 
 

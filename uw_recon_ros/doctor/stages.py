@@ -17,7 +17,7 @@ _WAITING = ("silent", "unpaired")
 _HARMLESS = frozenset((
     "superseded by newer", "no partner within tolerance", "deactivated meanwhile", "passed over: more than max_rate_hz",
 ))  # fmt: skip
-EXCHANGE = "exchange the topics of left and right, or the calibrations"
+EXCHANGE = "swap the topics of left and right, or the calibrations"
 EXCHANGED = (Code.RECTIFY_EXCHANGED.value, Code.MATCH_EXCHANGED.value)
 _REMEDIES = {
     **dict.fromkeys(EXCHANGED, EXCHANGE),

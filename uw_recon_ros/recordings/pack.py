@@ -44,7 +44,7 @@ def pack(
         Folder to make; with the suffix ``.mcap`` a bare file.
     calibration : StereoCalibration, optional
     rate_hz : float
-        Pairs a second; the first stamp is 1 s.
+        Pairs per second; the first stamp is 1 s.
     overwrite : bool
         Whether to replace a bag that stands there.
     progress : callable, optional

@@ -84,7 +84,7 @@ def _check_sides(rectification: Rectification, tie_points: TiePoints) -> None:
         raise EstimationError(
             "left and right images are swapped: expected disparities of the calibration's sign, got "
             f"{found.mean():.0%} of {len(found)} "
-            f"tie points behind the rig (median {parallax:.1f} px): the images show the {shown}; exchange the images, "
+            f"tie points behind the rig (median {parallax:.1f} px): the images show the {shown}; swap the images, "
             "or the calibrations",
             Code.RECTIFY_EXCHANGED,
         )

@@ -39,8 +39,9 @@ def doubts(left: ByteImage, right: ByteImage, min_disparity: int) -> tuple[Findi
     u, v = (found.left - found.right).T
     if np.mean(u < -_BEHIND_PX) > _NEARLY_ALL and min_disparity >= 0:
         raise EstimationError(
-            f"exchanged images: expected disparities over 0, got {np.mean(u < 0):.0%} of {len(found)} tie points under "
-            f"it (median {np.median(u):.1f} px): exchange the images, or give a --min-disparity under 0",
+            "left and right images are swapped: "
+            f"expected disparities over 0, got {np.mean(u < 0):.0%} of {len(found)} tie points under "
+            f"it (median {np.median(u):.1f} px): swap the images, or give a --min-disparity under 0",
             Code.MATCH_EXCHANGED,
         )
     median = float(np.median(np.abs(v)))

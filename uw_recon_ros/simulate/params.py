@@ -23,7 +23,7 @@ class SimulateParams(Params):
 
     seed: int = param(1, "Everything random follows from it.", low=0, high=2**31 - 1)
     frames: int = param(6, "Stereo pairs to take.", low=1, high=100_000)
-    rate_hz: float = param(2.0, "Pairs a second.", unit="Hz", low=0.01, high=1000.0)
+    rate_hz: float = param(2.0, "Pairs per second.", unit="Hz", low=0.01, high=1000.0)
     speed_m_s: float = param(0.08, "Speed of the rig along its track.", unit="m/s", low=0.0, high=5.0)
 
     scene: str = param("amphora", "What lies on the seabed; plane is a flat one.", choices=SCENES)

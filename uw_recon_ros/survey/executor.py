@@ -93,7 +93,7 @@ class LocalExecutor:
     @property
     def description(self) -> str:
         """As in `Executor`."""
-        return f"{self.jobs} local processes"
+        return "one local process" if self.jobs == 1 else f"{self.jobs} local processes"
 
     def _running(self) -> ProcessPoolExecutor:
         if self._pool is None:
@@ -296,7 +296,7 @@ class DaskExecutor:
                 result: R | Lost = future.result()
             except CancelledError as error:
                 raise SurveyError(
-                    f"--dask {self._address}: the scheduler is gone; the same command goes on from there"
+                    f"--dask {self._address}: the scheduler is gone; the same command resumes there"
                 ) from error
             except KilledWorker as error:
                 result = Lost(

@@ -35,7 +35,7 @@ class SurveyParams(Params):
         low=0.0,
         high=1e3,
     )
-    stills_rate: float = param(2.0, "Pairs a second of stills, which carry no stamps.", unit="Hz", low=1e-6, high=1e6)
+    stills_rate: float = param(2.0, "Pairs per second of stills, which carry no stamps.", unit="Hz", low=1e-6, high=1e6)
     layout: str = param(
         "auto",
         "How both views lie in one image of stills and videos; auto: found, separate: each camera has its own.",

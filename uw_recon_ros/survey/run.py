@@ -62,7 +62,7 @@ def run_survey(request: Request, make_executor: Callable[[], Executor], progress
         standing = frozenset(_standing(store, listing.frames))
         run = _Run(request, store, sources, settings, listing, standing, progress, started)
         if len(standing) == len(listing.frames) and (store.state / _FINISHED).is_file():
-            progress.line(f"{request.output}: finished before, nothing to do (--overwrite begins anew)")
+            progress.line(f"{request.output}: already complete; --overwrite starts over")
         else:
             run.go_on(make_executor())
         return run.outcome()
@@ -113,15 +113,15 @@ class _Run:
             self._finish(rigs, executor.description)
         except (OSError, MemoryError) as error:
             told = explain(error) if isinstance(error, OSError) else "no memory is left: use fewer jobs"
-            raise SurveyError(f"{self.request.output}: stopped: {told}; the same command goes on from there") from error
+            raise SurveyError(f"{self.request.output}: stopped: {told}; the same command resumes there") from error
         finally:
             executor.close()
 
     def _reconstruct(self, executor: Executor) -> dict[int, Rectification]:
         rigs, hand = self._prepare(executor)
         todo = [frame for frame in self.listing.frames if frame.number not in self.standing]
-        before = f", {len(self.standing)} of these are there" if self.standing else ""
-        self.progress.line(f"{len(self.listing.frames)} frames{before}; {executor.description}, a frame at a time each")
+        before = f", {len(self.standing)} of them done before" if self.standing else ""
+        self.progress.line(f"{len(self.listing.frames)} frames{before}; {executor.description}")
         if todo:
             tell_if_cold(self.progress.line, [self.request.pipeline.match.method])
         told: set[str] = set()
@@ -181,7 +181,7 @@ class _Run:
         try:
             assemble(self.store, shares, lambda parts: self.progress.watch(parts, "frames into the bag", len(shares)))
         except BagError as error:
-            raise SurveyError(f"{error}; the same command goes on from there") from error
+            raise SurveyError(f"{error}; the same command resumes there") from error
 
     def _facts(self, workers: str, rows: list[Row]) -> dict[str, Any]:
         """Of this run alone: what it ran on, how long it took, the memory it needed."""
