@@ -47,7 +47,7 @@ MAY_IMPORT = {
     "drape": NOUNS | {"fuse", "drape"},
     "georeference": NOUNS | {"georeference"},
     "report": NOUNS | {"report"},
-    "pair": OFFLINE | {"given_pair", "report", "warm"},
+    "pair": OFFLINE | {"given_pair", "recordings", "report", "warm"},
     "doctor": NOUNS | {"rectify", "node_params", "doctor"},
     "ros": NOUNS | STAGE_ROOMS | NODE_PARAMS | {"ros", "doctor", "messages"},
     "nodes": OFFLINE | {"ros", "nodes", "bags"},

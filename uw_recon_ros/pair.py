@@ -22,6 +22,7 @@ from uw_recon_ros.given_pair import ready_to_match, stereo_pair
 from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.pipeline import Pipeline, PipelineParams, Products
 from uw_recon_ros.progress import say
+from uw_recon_ros.recordings.views import both_views
 from uw_recon_ros.report.figures import colorize_disparity
 from uw_recon_ros.report.pair import write_pair_page
 from uw_recon_ros.stopwatch import Stopwatch
@@ -32,14 +33,14 @@ PairReport = dict[str, Any]
 
 
 def read_pair(left: str | Path, right: str | Path, calibration: Paths | None = None) -> StereoPair:
-    """Read two image files, and the rig's calibration if there is one.
+    """Read two image files (the same twice: it holds both views), and the rig's calibration if there is one.
 
     Raises
     ------
     ImageError, CalibrationError
         Naming the file.
     """
-    images = read_image(left), read_image(right)
+    images = both_views(left) if str(left) == str(right) else (read_image(left), read_image(right))
     size = images[0].shape[1], images[0].shape[0]
     return stereo_pair(*images, read_calibration(calibration, size) if calibration else None, f"{left}, {right}")
 

@@ -13,11 +13,11 @@ import pytest
 from helpers.videos import swaying, texture, views, write_video
 from PIL import Image as Picture
 
+from uw_recon_ros.bags.video_packets import library
 from uw_recon_ros.cli import main
 from uw_recon_ros.errors import BagError, ImageError, ReconError
 from uw_recon_ros.files.images import write_image
 from uw_recon_ros.findings import Code
-from uw_recon_ros.recordings import video as video_module
 from uw_recon_ros.recordings.clock import find_clock
 from uw_recon_ros.recordings.layout import cut, find_layout
 from uw_recon_ros.recordings.options import Options
@@ -135,7 +135,7 @@ def test_the_extra_is_named_where_it_is_absent(tmp_path: Path, monkeypatch: pyte
     with pytest.raises(BagError, match=r"uw_recon_ros\[video\]"):
         Recording(tmp_path / "dive.mp4")
     with pytest.raises(BagError) as error:
-        video_module.library()
+        library()
     assert error.value.code == Code.RECORDING_EXTRA
 
 

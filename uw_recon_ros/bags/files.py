@@ -15,6 +15,8 @@ from uw_recon_ros.bags.mcap_chunk import reason_of
 from uw_recon_ros.bags.mcap_file import McapFile
 from uw_recon_ros.bags.mcap_index import MAGIC as MCAP_MAGIC
 from uw_recon_ros.bags.model import Storage
+from uw_recon_ros.bags.ros1_file import MAGIC as ROS1_MAGIC
+from uw_recon_ros.bags.ros1_file import Ros1File
 from uw_recon_ros.bags.sqlite_file import SqliteFile
 from uw_recon_ros.bounds import SPARE_BYTES, unpacked_limit
 from uw_recon_ros.errors import BagError
@@ -145,6 +147,8 @@ def _by_content(path: Path, files: BagFiles) -> Storage:
             return McapFile(path, name, given_size)
         if head.startswith(_SQLITE_MAGIC):
             return SqliteFile(path, name)
+        if head.startswith(ROS1_MAGIC):
+            return Ros1File(path, name)
     except OSError as error:
         raise BagError(f"{path}: expected a bag, cannot be read: {reason(error)}") from error
     raise BagError(f"{path}: expected a ROS 2 bag (MCAP or SQLite), got {describe(head)}")

@@ -14,6 +14,7 @@ from uw_recon_ros.bags.model import RawMessage, plain
 from uw_recon_ros.bags.reader import BagReader, open_bag
 from uw_recon_ros.bags.stereo import CameraInfoCache, StereoTopics
 from uw_recon_ros.bags.verdict import judge, judge_calibration
+from uw_recon_ros.bags.video_packets import image_of
 from uw_recon_ros.errors import BagError, ReconError
 from uw_recon_ros.pairing import PAIR_TOLERANCE_MS, align
 
@@ -100,10 +101,10 @@ def _image_taker(side: CameraImages) -> Callable[[RawMessage], None]:
 
 
 def _describe_first(side: CameraImages, image: Any) -> None:
-    side.frame_id = plain(image.header.frame_id)
+    side.frame_id = plain(image.header.frame_id if hasattr(image, "header") else image.frame_id)
     side.encoding = plain(getattr(image, "encoding", "") or getattr(image, "format", ""))
     try:
-        shown = messages.image_from_message(image)
+        shown = image_of(image)
     except ReconError as error:
         side.problem = str(error)
         return
@@ -112,8 +113,8 @@ def _describe_first(side: CameraImages, image: Any) -> None:
 
 
 def _differs(side: CameraImages, image: Any) -> bool:
-    if not hasattr(image, "encoding"):
-        return plain(image.format) != side.encoding
+    if not hasattr(image, "step"):
+        return plain(getattr(image, "format", "") or getattr(image, "encoding", "")) != side.encoding
     whole = len(image.data) == image.step * image.height
     return not whole or (image.width, image.height, plain(image.encoding)) != (side.width, side.height, side.encoding)
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from uw_recon_ros.bags.model import RawMessage
@@ -23,16 +23,32 @@ from uw_recon_ros.messages.images import COMPRESSED_IMAGE, IMAGE, depth_from_mes
 from uw_recon_ros.types import CameraModel, Surface
 
 __all__ = [
-    "CAMERA_INFO", "COMPRESSED_IMAGE", "IMAGE", "MAKE", "BagFactory", "camera_info_message", "decode",
-    "depth_from_message", "encode", "encode_surface", "image_from_message", "image_message", "pose_message",
+    "CAMERA_INFO", "COMPRESSED_IMAGE", "IMAGE", "IMAGES", "MAKE", "VIDEOS", "BagFactory", "camera_info_message",
+    "decode", "depth_from_message", "encode", "encode_surface", "image_from_message", "image_message", "pose_message",
     "stamp_ns", "typestore",
 ]  # fmt: skip
 
 
+#: Encoded video, a packet a message; both begin with a stamp and a frame's name, as a header does.
+FOXGLOVE_VIDEO = "foxglove_msgs/msg/CompressedVideo"
+FFMPEG_PACKET = "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"
+VIDEOS = (FOXGLOVE_VIDEO, FFMPEG_PACKET)
+#: All types that hold images.
+IMAGES = (IMAGE, COMPRESSED_IMAGE, *VIDEOS)
+_DEFINITIONS = {
+    FOXGLOVE_VIDEO: "builtin_interfaces/Time timestamp\nstring frame_id\nuint8[] data\nstring format\n",
+    FFMPEG_PACKET: "std_msgs/Header header\nint32 width\nint32 height\nstring encoding\nuint64 pts\nuint8 flags\n"
+    "bool is_bigendian\nuint8[] data\n",
+}
+
+
 @cache
 def typestore() -> Typestore:
-    """Definitions of the standard messages."""
-    return get_typestore(Stores.ROS2_JAZZY)
+    """Definitions of the standard messages, and of those that hold video."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for name, text in _DEFINITIONS.items():
+        store.register(get_types_from_msg(text, name))
+    return store
 
 
 def decode(message: RawMessage) -> Any:

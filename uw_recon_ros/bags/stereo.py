@@ -8,25 +8,18 @@ from dataclasses import dataclass
 from typing import Any
 
 from uw_recon_ros.bags import messages
-from uw_recon_ros.bags.messages import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE
+from uw_recon_ros.bags.messages import CAMERA_INFO, IMAGE, IMAGES
 from uw_recon_ros.bags.model import RawMessage, TopicInfo
 from uw_recon_ros.calibration import camera_from_info
 from uw_recon_ros.calibration.rectified import as_rectified, came_rectified, named_rectified
 from uw_recon_ros.errors import BagError, CalibrationError, ImageError, ReconError
+from uw_recon_ros.findings import Code
 from uw_recon_ros.image_pair import as_pair
 from uw_recon_ros.pairing import Synchronizer
+from uw_recon_ros.sides import pairs_of, partners, side_of
 from uw_recon_ros.types import CameraModel, StereoCalibration, StereoPair
 
-#: How recordings name the two cameras, best known first.
-_EYES = (
-    ("left", "right"),
-    ("cam0", "cam1"),
-    ("camera0", "camera1"),
-    ("infra1", "infra2"),
-    ("cam_0", "cam_1"),
-    ("l", "r"),
-)
-_NOT_RAW = re.compile(r"depth|disparity|truth|enhanced|matching|mask|status|sigma|debug|theora|h264")
+_DERIVED = re.compile(r"depth|disparity|truth|enhanced|matching|mask|status|sigma|debug(?!_)|theora|aligned")
 _PREFERRED = ("image_raw", "image", "image_color", "image_mono")
 
 
@@ -44,43 +37,52 @@ class StereoTopics:
         return came_rectified(told, self.left), came_rectified(told, self.right)
 
 
-def _other_camera(name: str) -> str | None:
-    """The right camera's topic name for a left one's."""
-    for left, right in _EYES:
-        swapped = re.sub(rf"(?<![a-z0-9]){left}(?![a-z0-9])", right, name)
-        if swapped != name:
-            return swapped
-    return None
-
-
 def _rank(topic: TopicInfo) -> tuple[bool, bool, bool, int, str]:
     """Least is best: has messages, raw, not compressed, a usual name."""
     base = _image_base(topic)
     last = base.rsplit("/", 1)[-1]
     usual = _PREFERRED.index(last) if last in _PREFERRED else len(_PREFERRED)
-    return topic.count == 0, named_rectified(topic.name), topic.type == COMPRESSED_IMAGE, usual, topic.name
+    return topic.count == 0, named_rectified(topic.name), topic.type != IMAGE, usual, topic.name
 
 
 def _image_base(topic: TopicInfo) -> str:
-    return topic.name.removesuffix("/compressed") if topic.type == COMPRESSED_IMAGE else topic.name
+    """Name of the image topic that a transport's topic is of."""
+    if topic.type == IMAGE:
+        return topic.name
+    return re.sub(r"/(compressed|ffmpeg|h264|h265|foxglove)$", "", topic.name)
 
 
-def _info_topic(image: TopicInfo, topics: Sequence[TopicInfo]) -> str | None:
-    """The ``camera_info`` beside an image topic, as image_transport finds it."""
-    name = f"{_image_base(image).rsplit('/', 1)[0]}/camera_info"
-    return name if any(topic.name == name and topic.type == CAMERA_INFO for topic in topics) else None
+def _info_topics(left: TopicInfo, right: TopicInfo, topics: Sequence[TopicInfo]) -> tuple[str | None, str | None]:
+    """The ``camera_info`` beside either image topic, as image_transport finds it; else the nearest two of a pair."""
+    infos = [topic.name for topic in topics if topic.type == CAMERA_INFO]
+    beside: list[str | None] = []
+    for image in (left, right):
+        base = _image_base(image)
+        names = (f"{base.rsplit('/', 1)[0]}/camera_info", f"{base}/camera_info", f"{base}_camera_info")
+        beside.append(next((name for name in names if name in infos), None))
+    if any(beside):
+        return beside[0], beside[1]
+    named = [pair for pair in pairs_of(infos) if _alike(pair[1], left.name) and _alike(pair[2], right.name)]
+    return named[0][1:] if named else (None, None)
+
+
+def _alike(info: str, image: str) -> bool:
+    """Whether two topics are of one name space and do not contradict each other's camera."""
+    return info.split("/")[1:2] == image.split("/")[1:2] or (
+        side_of(info) in (0, 1) and side_of(info) == side_of(image)
+    )
 
 
 def _named(name: str, topics: Sequence[TopicInfo]) -> TopicInfo:
     wanted = "/" + name.strip("/")
-    matching = [t for t in topics if t.type in (IMAGE, COMPRESSED_IMAGE) and wanted in (t.name, "/" + t.name)]
+    matching = [t for t in topics if t.type in IMAGES and wanted in (t.name, "/" + t.name)]
     if not matching:
         raise BagError(f"topic {name}: expected an image topic of the bag, it has {_list_images(topics)}")
     return min(matching, key=_rank)
 
 
 def _list_images(topics: Iterable[TopicInfo]) -> str:
-    images = [f"{t.name} ({t.count})" for t in topics if t.type in (IMAGE, COMPRESSED_IMAGE)]
+    images = [f"{t.name} ({t.count})" for t in topics if t.type in IMAGES]
     return ", ".join(images) if images else "no image topics"
 
 
@@ -96,22 +98,58 @@ def find_stereo_topics(topics: Sequence[TopicInfo], left: str | None = None, rig
     Raises
     ------
     BagError
-        Naming what the bag has instead.
+        Naming what the bag has instead, or the rigs there are.
     """
-    images = [t for t in topics if t.type in (IMAGE, COMPRESSED_IMAGE)]
-    pairs = []
-    for candidate in [_named(left, topics)] if left else images:
-        partners = [p for p in ([_named(right, topics)] if right else images) if p.name != candidate.name]
-        pairs += [(candidate, p) for p in partners if (left and right) or _fit(candidate, p)]
-    if not pairs:
-        raise BagError(f"no stereo pair: expected images of a left and a right camera, got {_list_images(topics)}")
-    best_left, best_right = min(pairs, key=lambda pair: (_rank(pair[0]), _rank(pair[1])))
-    infos = _info_topic(best_left, topics), _info_topic(best_right, topics)
-    return StereoTopics(best_left.name, best_right.name, *infos)
+    images = [t for t in topics if t.type in IMAGES]
+    if left and right:
+        found = [(0, _named(left, topics), _named(right, topics))]
+    else:
+        lefts = [_named(left, topics)] if left else [t for t in images if not _DERIVED.search(t.name)]
+        rights = [_named(right, topics)] if right else images
+        found = [
+            (grade, one, other)
+            for one in lefts
+            for name, grade in partners(_image_base(one)).items()
+            for other in rights
+            if _image_base(other).lower() == name and other.name != one.name
+        ]
+    if not found:
+        raise BagError(
+            f"no stereo pair: expected images of a left and a right camera, got {_list_images(topics)}: name both, "
+            "--left-topic and --right-topic", Code.RECORDING_ONE_CAMERA,
+        )  # fmt: skip
+    best_left, best_right = _best(found, told=bool(left or right))
+    return StereoTopics(best_left.name, best_right.name, *_info_topics(best_left, best_right, topics))
 
 
-def _fit(left: TopicInfo, right: TopicInfo) -> bool:
-    return _other_camera(_image_base(left)) == _image_base(right) and not _NOT_RAW.search(left.name)
+def _best(found: list[tuple[int, TopicInfo, TopicInfo]], told: bool) -> tuple[TopicInfo, TopicInfo]:
+    """The best topics of the only rig.
+
+    Raises
+    ------
+    BagError
+        There are several, named equally well.
+    """
+    filled = [pair for pair in found if pair[1].count and pair[2].count] or found
+    grade = min(pair[0] for pair in filled)
+    best = [pair for pair in filled if pair[0] == grade]
+    rigs: dict[tuple[str, str], tuple[TopicInfo, TopicInfo]] = {}
+    for _, one, other in sorted(best, key=lambda pair: (_rank(pair[1]), _rank(pair[2]))):
+        rigs.setdefault(_rig(one, other), (one, other))
+    if len(rigs) > 1 and not told:
+        names = "; ".join(f"{one.name} and {other.name}" for one, other in rigs.values())
+        raise BagError(
+            f"several rigs: {names}: choose one, --left-topic and --right-topic", Code.RECORDING_SEVERAL_RIGS
+        )
+    return next(iter(rigs.values()))
+
+
+def _rig(left: TopicInfo, right: TopicInfo) -> tuple[str, str]:
+    """What all topics of one rig share: where the cameras' names differ, up to there."""
+    one, other = _image_base(left).split("/"), _image_base(right).split("/")
+    differ = [place for place, (a, b) in enumerate(zip(one, other, strict=False)) if a.lower() != b.lower()]
+    last = differ[-1] + 1 if differ and differ[-1] < len(one) - 1 else len(one) - 1
+    return "/".join(one[:last]), "/".join(other[:last])
 
 
 class CameraInfoCache:

@@ -12,8 +12,8 @@ _LONGEST_FRAME_ID = 255
 
 
 def stamp_ns(message: Any) -> int:
-    """Header stamp of a message, ns."""
-    stamp = message.header.stamp
+    """Stamp of a message, ns: its header's, or its own where it has none."""
+    stamp = message.header.stamp if hasattr(message, "header") else message.timestamp
     return int(stamp.sec) * BILLION + int(stamp.nanosec)
 
 

@@ -7,9 +7,11 @@ from collections import OrderedDict
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from uw_recon_ros.bags import BagReader, RawMessage, messages, open_bag
 from uw_recon_ros.bags.stereo import make_pair
+from uw_recon_ros.bags.video_packets import video_codec
 from uw_recon_ros.bounds import LARGEST_IMAGE_FILE
 from uw_recon_ros.errors import BagError, ImageError, ReconError
 from uw_recon_ros.files.bounded import read_bounded
@@ -19,6 +21,7 @@ from uw_recon_ros.recordings.layout import cut, mpo_parts
 from uw_recon_ros.recordings.pair_index import Frame, Place
 from uw_recon_ros.recordings.sources import Source
 from uw_recon_ros.recordings.video import Video
+from uw_recon_ros.recordings.video_topic import TopicDecoder
 from uw_recon_ros.system_errors import reason
 from uw_recon_ros.types import RawImage, StereoCalibration, StereoPair
 
@@ -34,6 +37,7 @@ class Reader:
     def __init__(self, sources: list[Source], calibrations: list[StereoCalibration]) -> None:
         self._sources, self._calibrations = sources, calibrations
         self._bags: OrderedDict[str, BagReader] = OrderedDict()
+        self._decoders: dict[tuple[str, str], TopicDecoder] = {}
         self._videos: OrderedDict[str, Video] = OrderedDict()
         self._lock = threading.Lock()
 
@@ -50,8 +54,24 @@ class Reader:
         if source.kind != "bag":
             return _paired(frame, self.images(frame), calibration)
         with self._lock:
-            left, right = self._messages(source, frame)
-        return make_pair(messages.decode(left), messages.decode(right), calibration)
+            left, right = (messages.decode(raw) for raw in self._messages(source, frame))
+            if video_codec(left) is None and video_codec(right) is None:
+                return make_pair(left, right, calibration)
+            images = self._shown(source, frame.left, left, "left"), self._shown(source, frame.right, right, "right")
+        return _paired(frame, images, calibration)
+
+    def _shown(self, source: Source, place: Place, message: Any, side: str) -> RawImage:
+        """The image of a message, or of a packet of video."""
+        codec = video_codec(message)
+        try:
+            if codec is None:
+                return messages.image_from_message(message)
+            key = source.path, place.name
+            if key not in self._decoders:
+                self._decoders[key] = TopicDecoder(self._bag(source), place.name, codec)
+            return self._decoders[key].image(place)
+        except ReconError as error:
+            raise ImageError(f"{side} image: {error}", error.code) from error
 
     def size(self, frame: Frame) -> tuple[int, int]:
         """Width and height, px, of a pair's left image."""
@@ -114,6 +134,7 @@ class Reader:
             self._bags[source.path] = open_bag(Path(source.path))
             if len(self._bags) > _OPEN_BAGS:
                 self._bags.popitem(last=False)[1].close()
+                self._decoders.clear()
         return self._bags[source.path]
 
     def close(self) -> None:
@@ -124,6 +145,7 @@ class Reader:
             for video in self._videos.values():
                 stack.callback(video.close)
             self._bags.clear()
+            self._decoders.clear()
             self._videos.clear()
 
 

@@ -9,32 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from uw_recon_ros.bags.video_packets import library
 from uw_recon_ros.errors import BagError, ImageError
-from uw_recon_ros.findings import Code
 from uw_recon_ros.types import RawImage
 
 SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".ts", ".m4v", ".mts", ".m2ts", ".mpg", ".webm", ".h264", ".h265", ".hevc")
 _KEPT = 4  # decoded frames that are kept: the one before is asked for after its follower
 _AHEAD_S = 3.0  # frames so far ahead are reached by decoding on, later ones by the index
 _LARGEST_PIXELS = 2**26
-
-
-def library() -> Any:
-    """PyAV.
-
-    Raises
-    ------
-    BagError
-        It is not installed.
-    """
-    try:
-        import av
-    except ImportError as error:
-        raise BagError(
-            "a video: expected the extra 'video' to be installed: pip install 'uw_recon_ros[video]'",
-            Code.RECORDING_EXTRA,
-        ) from error
-    return av
 
 
 class Video:

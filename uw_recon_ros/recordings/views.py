@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +15,12 @@ from uw_recon_ros.recordings.clock import Clock, find_clock
 from uw_recon_ros.recordings.folders import camera_folders, find_images, flat_pairs
 from uw_recon_ros.recordings.layout import LAYOUTS, find_layout, mpo_parts
 from uw_recon_ros.recordings.options import Options
-from uw_recon_ros.recordings.pair_index import Place
+from uw_recon_ros.recordings.pair_index import Frame, Place
+from uw_recon_ros.recordings.read import Reader
 from uw_recon_ros.recordings.sources import Source
 from uw_recon_ros.recordings.stills import FIRST_NS, pair_stills
 from uw_recon_ros.recordings.video import Video
+from uw_recon_ros.types import RawImage
 
 Listed = tuple[int, Place, Place]
 _PROBES = (0.1, 0.4, 0.7)  # of the way through, where the layout is looked for
@@ -58,9 +61,24 @@ def list_whole(source: Source, images: list[Path], options: Options, notes: list
         yield stamp, Place(str(image), stamp, 0, f"{layout}:0"), Place(str(image), stamp, 0, f"{layout}:1")
 
 
-def _still(path: Path) -> np.ndarray | str:
+def _still(path: Path) -> RawImage | str:
     """An image, or ``mpo`` where the file holds two."""
     return "mpo" if is_mpo(path) else read_image(path)
+
+
+def both_views(path: str | Path) -> tuple[RawImage, RawImage]:
+    """Left and right view of one image file that holds both.
+
+    Raises
+    ------
+    BagError, ImageError
+        It holds one, or cannot be read.
+    """
+    path = Path(path)
+    layout = _layout_of(Options(), str(path), iter([_still(path)]), [])
+    source = Source("stills", str(path.parent.absolute()), path.name)
+    with closing(Reader([source], [])) as reader:
+        return reader.images(Frame(0, 0, 0, *(Place(str(path), 0, 0, f"{layout}:{side}") for side in (0, 1))))
 
 
 def is_mpo(path: Path) -> bool:
@@ -76,7 +94,7 @@ def is_mpo(path: Path) -> bool:
         return True
 
 
-def _layout_of(options: Options, name: str, images: Iterator[np.ndarray | str], notes: list[str]) -> str:
+def _layout_of(options: Options, name: str, images: Iterator[RawImage | str], notes: list[str]) -> str:
     """The layout told, or found in two of three images.
 
     Raises
@@ -128,7 +146,7 @@ def _list_one(source: Source, options: Options, notes: list[str]) -> Iterator[Li
             )
 
 
-def _frame(video: Video, mark: int) -> np.ndarray | None:
+def _frame(video: Video, mark: int) -> RawImage | None:
     try:
         return video.frame(mark)
     except ImageError:

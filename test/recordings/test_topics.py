@@ -1,0 +1,200 @@
+"""Bags of others: any names, ROS 1, video in topics."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from helpers.videos import Image, texture, views
+from rosbags.rosbag1 import Writer
+from rosbags.typesys import Stores, get_typestore
+
+from uw_recon_ros.bags import BagWriter, bag_info, messages
+from uw_recon_ros.bags.messages import CAMERA_INFO, COMPRESSED_IMAGE, FFMPEG_PACKET, FOXGLOVE_VIDEO, IMAGE, MAKE
+from uw_recon_ros.bags.model import TopicInfo
+from uw_recon_ros.bags.stereo import find_stereo_topics
+from uw_recon_ros.calibration.rectified import named_rectified
+from uw_recon_ros.errors import BagError, ImageError
+from uw_recon_ros.findings import Code
+from uw_recon_ros.messages.headers import header
+from uw_recon_ros.recordings.recording import Recording
+
+MS = 1_000_000
+SCENES = [views(n, shape=(96, 128)) for n in range(10)]
+
+
+def topics(*names: str, kind: str = IMAGE) -> list[TopicInfo]:
+    return [TopicInfo(name, kind, 5) for name in names]
+
+
+@pytest.mark.parametrize(
+    ("left", "right"),
+    [("/left/image_raw", "/right/image_raw"), ("/stereo/Left/image", "/stereo/Right/image"),
+     ("/l_cam/image_raw", "/r_cam/image_raw"), ("/cam0/image_raw", "/cam1/image_raw"), ("/cam1/image", "/cam2/image"),
+     ("/camera_0/image", "/camera_1/image"), ("/d435/infra1/image_rect_raw", "/d435/infra2/image_rect_raw"),
+     ("/t265/fisheye1/image_raw", "/t265/fisheye2/image_raw"), ("/slave1/image_raw", "/slave2/image_raw"),
+     ("/port/image", "/starboard/image"), ("/upper/image", "/lower/image"), ("/cam_top/image", "/cam_bottom/image"),
+     ("/camera/image_left", "/camera/image_right"), ("/leftcam/image", "/rightcam/image"), ("/image_L", "/image_R"),
+     ("/directdrive/left/image_raw", "/directdrive/right/image_raw"),
+     ("/debug_rig/left/image", "/debug_rig/right/image"), ("/zed/zed_node/left/image_rect_color", "/zed/zed_node/right/image_rect_color")],
+)  # fmt: skip
+def test_names_of_cameras(left: str, right: str) -> None:
+    others = topics("/depth/image_raw", "/front/image", "/map")
+    for listed in ([left, right], [right, left]):
+        found = find_stereo_topics(topics(*listed) + others)
+        assert (found.left, found.right) == (left, right)
+    assert find_stereo_topics(topics(left, right), left=left).right == right
+
+
+def test_variants_of_one_rig_are_one_rig() -> None:
+    names = [f"/rig/{side}/{name}" for side in ("left", "right") for name in ("image_raw", "image_rect", "image_color")]
+    assert find_stereo_topics(topics(*names)).left == "/rig/left/image_raw"
+    assert not named_rectified("/directdrive/left/image_raw")
+    assert named_rectified("/rig/left/image_rect")
+
+
+def test_several_rigs_are_named() -> None:
+    names = [f"/{rig}/{side}/image_raw" for rig in ("front", "down") for side in ("left", "right")]
+    with pytest.raises(BagError, match="/down/left/image_raw and /down/right/image_raw") as error:
+        find_stereo_topics(topics(*names))
+    assert error.value.code == Code.RECORDING_SEVERAL_RIGS
+    assert "/front/left/image_raw" in str(error.value)
+    assert find_stereo_topics(topics(*names), left="/down/left/image_raw").right == "/down/right/image_raw"
+    chain = topics(*(f"/cam{n}/image_raw" for n in range(4)))
+    assert find_stereo_topics(chain).right == "/cam1/image_raw"
+
+
+@pytest.mark.parametrize(
+    ("left", "right"),
+    [("/left/camera_info", "/right/camera_info"), ("/left/image_raw/camera_info", "/right/image_raw/camera_info"),
+     ("/info/left", "/info/right")],
+)  # fmt: skip
+def test_calibrations_beside_them(left: str, right: str) -> None:
+    found = find_stereo_topics(topics("/left/image_raw", "/right/image_raw") + topics(left, right, kind=CAMERA_INFO))
+    assert (found.left_info, found.right_info) == (left, right)
+
+
+# ---- ROS 1 -----------------------------------------------------------------------------------------------------------
+
+
+def ros1_bag(path: Path) -> Path:
+    """Written by rosbags' own writer, with a header's sequence number and K in capitals."""
+    store = get_typestore(Stores.ROS1_NOETIC)
+    kinds = store.types
+    with Writer(path) as out:
+        for kind in (IMAGE, CAMERA_INFO):
+            for side in ("left", "right"):
+                name = "image_raw" if kind == IMAGE else "camera_info"
+                out.add_connection(f"/{side}/{name}", kind, typestore=store)
+        for n, pair in enumerate(SCENES[:4]):
+            head = kinds["std_msgs/msg/Header"](
+                seq=n, stamp=kinds["builtin_interfaces/msg/Time"](sec=100 + n, nanosec=7), frame_id="cam"
+            )
+            for side, image in zip((0, 1), pair, strict=True):
+                made = kinds[IMAGE](header=head, height=96, width=128, encoding="rgb8", is_bigendian=0, step=384,
+                                    data=np.ascontiguousarray(image).reshape(-1))  # fmt: skip
+                k, p = np.array([90.0, 0, 64, 0, 90, 48, 0, 0, 1]), np.zeros(12)
+                p[[0, 2, 5, 6, 10]], p[3] = [90, 64, 90, 48, 1], -9.0 * side
+                info = kinds[CAMERA_INFO](
+                    header=head, height=96, width=128, distortion_model="plumb_bob", D=np.zeros(5), K=k,
+                    R=np.eye(3).ravel(), P=p, binning_x=0, binning_y=0,
+                    roi=kinds["sensor_msgs/msg/RegionOfInterest"](
+                        x_offset=0, y_offset=0, height=0, width=0, do_rectify=False),
+                )  # fmt: skip
+                for connection, message in ((out.connections[side], made), (out.connections[2 + side], info)):
+                    time = (100 + n) * 10**9
+                    out.write(connection, time, store.serialize_ros1(message, connection.msgtype))
+    return path
+
+
+def test_a_ros1_bag(tmp_path: Path) -> None:
+    path = ros1_bag(tmp_path / "dive.bag")
+    with Recording(path) as recording:
+        assert len(recording) == 4
+        for n in (3, 0, 2):
+            assert np.array_equal(recording[n].left, SCENES[n][0])
+            assert np.array_equal(recording[n].right, SCENES[n][1])
+            assert recording[n].stamp_ns == (100 + n) * 10**9 + 7
+        rig = recording[0].calibration
+        assert rig is not None
+        assert rig.right.p[0, 3] == -9.0
+    found = bag_info(path)
+    assert found.calibration == "metric"
+    assert found.reconstructable
+    whole = path.read_bytes()
+    for share in (0.2, 0.7, 0.95):
+        (tmp_path / "cut.bag").write_bytes(whole[: int(share * len(whole))])
+        with pytest.raises(BagError, match="ROS 1 bag") as error:
+            Recording(tmp_path / "cut.bag")
+        assert "\n" not in str(error.value)
+
+
+# ---- video topics ----------------------------------------------------------------------------------------------------
+
+
+def packets(images: list[Image], codec: str) -> list[bytes]:
+    """One packet an image, as drivers send them: no frames out of order, a key frame now and then."""
+    av = pytest.importorskip("av", reason="videos need the extra 'video'")
+    encoder = av.CodecContext.create(codec, "w")
+    encoder.width, encoder.height, encoder.pix_fmt = images[0].shape[1], images[0].shape[0], "yuv420p"
+    encoder.time_base = __import__("fractions").Fraction(1, 10)
+    encoder.options = {"crf": "14", "preset": "ultrafast", "tune": "zerolatency", "g": "4", "bf": "0"}
+    if codec == "libx265":
+        encoder.options |= {"x265-params": "keyint=4:bframes=0:log-level=none:annexb=1"}
+    found = []
+    for image in images:
+        found += encoder.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24"))
+    return [bytes(packet) for packet in found + encoder.encode(None)]
+
+
+def video_message(kind: str, data: bytes, time_ns: int, codec: str) -> SimpleNamespace:
+    head = header(MAKE, time_ns, "cam")
+    content = np.frombuffer(data, np.uint8)
+    if kind == FOXGLOVE_VIDEO:
+        return MAKE(kind, timestamp=head.stamp, frame_id="cam", data=content, format=codec)
+    if kind == FFMPEG_PACKET:
+        return MAKE(kind, header=head, width=128, height=96, encoding=codec, pts=0, flags=0, data=content)
+    return MAKE(kind, header=head, format=codec, data=content)
+
+
+@pytest.mark.parametrize("kind", [FOXGLOVE_VIDEO, FFMPEG_PACKET, COMPRESSED_IMAGE])
+@pytest.mark.parametrize("codec", ["h264", "h265"])
+def test_video_topics(tmp_path: Path, kind: str, codec: str) -> None:
+    name = {FOXGLOVE_VIDEO: "video", FFMPEG_PACKET: "image_raw/ffmpeg", COMPRESSED_IMAGE: "image_raw/compressed"}[kind]
+    encoded = [packets([pair[side] for pair in SCENES], f"libx{codec[1:]}") for side in (0, 1)]
+    assert [len(one) for one in encoded] == [len(SCENES)] * 2
+    with BagWriter(tmp_path / "bag") as bag:
+        for n in range(len(SCENES)):
+            for side, which in enumerate(("left", "right")):
+                bag_message = video_message(kind, encoded[side][n], (10 + n) * 100 * MS, codec)
+                bag.message(f"/rig/{which}/{name}", bag_message)
+    found = bag_info(tmp_path / "bag")
+    assert found.reconstructable, found.reasons
+    assert (found.left.width, found.left.height) == (128, 96)  # type: ignore[union-attr]
+    with Recording(tmp_path / "bag") as recording:
+        assert len(recording) == len(SCENES)
+        for n in (0, 1, 2, 7, 3, 9, 6):  # forwards, backwards, across key frames
+            pair = recording[n]
+            for image, expected in zip((pair.left, pair.right), SCENES[n], strict=True):
+                assert np.abs(image.astype(float) - expected).mean() < 12, n  # another's would differ by 40
+            assert pair.stamp_ns == (10 + n) * 100 * MS
+
+
+def test_video_without_its_key_frame_is_refused(tmp_path: Path) -> None:
+    encoded = packets([texture(n, (96, 128)) for n in range(3)], "libx264")
+    with BagWriter(tmp_path / "bag") as bag:
+        for n in (1, 2):
+            for which in ("left", "right"):
+                message = video_message(FOXGLOVE_VIDEO, encoded[n], (10 + n) * 100 * MS, "h264")
+                bag.raw(_raw(f"/{which}/video", message))
+    with Recording(tmp_path / "bag") as recording, pytest.raises(ImageError, match="key frame"):
+        recording[0]
+
+
+def _raw(topic: str, message: SimpleNamespace) -> object:
+    from uw_recon_ros.bags.model import RawMessage
+
+    kind, data = messages.encode(message)
+    return RawMessage(topic, kind, messages.stamp_ns(message), data)
