@@ -38,7 +38,8 @@ def topics(*names: str, kind: str = IMAGE) -> list[TopicInfo]:
      ("/port/image", "/starboard/image"), ("/upper/image", "/lower/image"), ("/cam_top/image", "/cam_bottom/image"),
      ("/camera/image_left", "/camera/image_right"), ("/leftcam/image", "/rightcam/image"), ("/image_L", "/image_R"),
      ("/directdrive/left/image_raw", "/directdrive/right/image_raw"),
-     ("/debug_rig/left/image", "/debug_rig/right/image"), ("/zed/zed_node/left/image_rect_color", "/zed/zed_node/right/image_rect_color")],
+     ("/debug_rig/left/image", "/debug_rig/right/image"),
+     ("/zed/zed_node/left/image_rect_color", "/zed/zed_node/right/image_rect_color")],
 )  # fmt: skip
 def test_names_of_cameras(left: str, right: str) -> None:
     others = topics("/depth/image_raw", "/front/image", "/map")

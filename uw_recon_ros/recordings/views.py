@@ -78,7 +78,8 @@ def both_views(path: str | Path) -> tuple[RawImage, RawImage]:
     layout = _layout_of(Options(), str(path), iter([_still(path)]), [])
     source = Source("stills", str(path.parent.absolute()), path.name)
     with closing(Reader([source], [])) as reader:
-        return reader.images(Frame(0, 0, 0, *(Place(str(path), 0, 0, f"{layout}:{side}") for side in (0, 1))))
+        left, right = (Place(str(path), 0, 0, f"{layout}:{side}") for side in (0, 1))
+        return reader.images(Frame(0, 0, 0, left, right))
 
 
 def is_mpo(path: Path) -> bool:
