@@ -45,7 +45,7 @@ def arguments() -> argparse.Namespace:
 def compile_kernels(pair: StereoPair) -> None:
     """Run the stages once here: compiled code is cached, so that four processes need not each wait for it."""
     started = time.monotonic()
-    say("[1/4] compiling the kernels (cached for next time) ...")
+    say("[1/4] compiling kernels: about a minute at first, then kept ...")
     products = Pipeline(PipelineParams())(pair)
     _ = products.thinned, products.surface
     say(f"      done in {time.monotonic() - started:.0f} s")

@@ -17,7 +17,7 @@ def test_empty_cache_is_announced(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(jit, "CACHE_DIRECTORY", tmp_path)
     monkeypatch.setattr(warm, "CACHE_DIRECTORY", tmp_path)
     warm.tell_if_cold(said.append)
-    assert said == [f"compiling the kernels: half a minute or more, this once, kept in {tmp_path}"]
+    assert said == [f"first start: compiling kernels, about a minute; kept in {tmp_path}"]
     monkeypatch.setattr(jit, "CACHE_DIRECTORY", None)
     monkeypatch.setattr(warm, "CACHE_DIRECTORY", None)
     warm.tell_if_cold(said.append)
@@ -46,9 +46,9 @@ def test_disparity_says_that_it_compiles_only_where_it_does(
     capsys.readouterr()
     assert main(command) == 0
     assert "compiling" not in capsys.readouterr().err
-    monkeypatch.setattr(pair, "tell_if_cold", lambda say, methods: say("compiling the kernels"))
+    monkeypatch.setattr(pair, "tell_if_cold", lambda say, methods: say("compiling kernels"))
     assert main(command) == 0
-    assert "compiling the kernels" in capsys.readouterr().err
+    assert "compiling kernels" in capsys.readouterr().err
 
 
 def test_warmup_command(capsys: pytest.CaptureFixture[str]) -> None:

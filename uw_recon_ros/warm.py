@@ -29,4 +29,4 @@ def tell_if_cold(say: Callable[[str], None], methods: Iterable[str] = METHODS) -
     folder = Path(__file__).parent / "match"
     if any(is_cold(folder / _KERNELS[method]) for method in methods):
         kept = f"kept in {CACHE_DIRECTORY}" if CACHE_DIRECTORY else "every time: no directory can be written"
-        say(f"compiling the kernels: half a minute or more, {'this once, ' if CACHE_DIRECTORY else ''}{kept}")
+        say(f"{'first start: ' if CACHE_DIRECTORY else ''}compiling kernels, about a minute; {kept}")

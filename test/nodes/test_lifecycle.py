@@ -251,7 +251,7 @@ def test_nothing_blocks_while_the_thread_compiles(bench: Bench, capfd: pytest.Ca
         logged += capfd.readouterr().err
         return logged
 
-    bench.spin_until(lambda: "compiling, once for all later starts" in log())
+    bench.spin_until(lambda: "first start: compiling kernels" in log())
     bench.spin_until(lambda: told[-1].status[0].message == "warming up: compiling")
     assert {"warm_up": "running"}.items() <= {v.key: v.value for v in told[-1].status[0].values}.items()
     assert manager.set(gate_width=7).successful

@@ -69,7 +69,7 @@ class WarmUp:
         """Return what is worth a line in the log, once: that it takes long, and then that it is over."""
         if self._told == 0 and self.running and time.monotonic() - self._began > _WORTH_TELLING_S:
             self._told = 1
-            return "compiling, once for all later starts: nothing comes out for a minute or more"
+            return "first start: compiling kernels, about a minute; nothing comes out until then"
         if self._told == 1 and self._took_s is not None:
             self._told = 2
             return f"compiled in {self._took_s:.1f} s"

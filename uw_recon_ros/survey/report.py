@@ -105,7 +105,7 @@ def _summary(made: dict[str, Any], rows: list[Row], ok: list[Row]) -> Summary:
     facts = [
         ("frames reconstructed", f"{len(ok)} of {len(rows)}"),
         ("density, median", percent(_middle(made["density"]))),
-        ("row error, median", number(_middle(made["row_error_median_px"]), "px")),
+        ("epipolar (row) error, median", number(_middle(made["row_error_median_px"]), "px")),
         ("depth, median", number(_middle(made["depth_p50"]), unit)),
         ("a frame takes", number(_median([row["seconds"] for row in ok]), "s")),
     ]

@@ -22,7 +22,7 @@
     const [number, time, density, rows, depth, seen, reason] = frames[k];
     input.value = number;
     says.textContent = reason ? `failed: ${reason}`
-      : `${survey.stamped ? `${clock(time)}, ` : ""}density ${Math.round(100 * density)} %, row error ${show(rows)} px, depth ${show(depth)} ${survey.unit}`;
+      : `${survey.stamped ? `${clock(time)}, ` : ""}density ${Math.round(100 * density)} %, epipolar (row) error ${show(rows)} px, depth ${show(depth)} ${survey.unit}`;
     open.hidden = !seen;
     open.href = `views/${name(number)}.html`;
     if (frame && number === survey.shown) { frame.removeAttribute("src"); frame.srcdoc = survey.first; }
