@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 from uw_recon_ros.errors import ImageError
 from uw_recon_ros.files.images import decode_compressed, read_image, write_image
 from uw_recon_ros.images import decode_image, to_gray
+from uw_recon_ros.messages.images import image_from_message
 
 
 def test_bgr_with_padded_rows_becomes_rgb() -> None:
@@ -53,6 +55,39 @@ def test_bayer_mosaic_of_one_colour_is_that_colour(pattern: str, bits: int) -> N
     mosaic = np.tile(tile, (6, 6)).astype(f"<u{bits // 8}")
     image = decode_image(mosaic.tobytes(), height=12, width=12, encoding=f"bayer_{pattern}{bits}", step=12 * bits // 8)
     assert (image == [200, 100, 50]).all()
+
+
+@pytest.mark.parametrize("encoding", ["nv12", "nv21", "i420", "NV12"])
+@pytest.mark.parametrize("counted", [False, True])
+def test_planar_yuv(encoding: str, counted: bool) -> None:
+    """FFmpeg's conversion is the oracle; drivers count the rows of colour as height, or do not."""
+    av = pytest.importorskip("av", reason="the oracle: pip install av")
+    noise = np.random.default_rng(4).integers(60, 200, (3, 4, 3), np.uint8)
+    image = cv2.resize(noise, (64, 48), interpolation=cv2.INTER_LINEAR)
+    name = {"i420": "yuv420p", "nv21": "nv12"}.get(encoding, encoding.lower())
+    frame = av.VideoFrame.from_ndarray(image, format="rgb24")
+    data = frame.reformat(format=name, dst_colorspace="itu601").to_ndarray()
+    if encoding == "nv21":
+        data[48:] = data[48:].reshape(24, 32, 2)[..., ::-1].reshape(24, 64)
+    assert data.shape == (72, 64)
+    shown = decode_image(data.tobytes(), height=72 if counted else 48, width=64, encoding=encoding, step=64)
+    assert shown.shape == (48, 64, 3)
+    assert np.abs(shown.astype(int) - image).mean() < 6
+    with pytest.raises(ImageError, match="image data"):
+        decode_image(data.tobytes()[:-64], height=48, width=64, encoding=encoding, step=64)
+
+
+@pytest.mark.parametrize("order", ["rggb", "bggr", "gbrg", "grbg"])
+def test_a_mosaic_in_a_png(order: str) -> None:
+    """Of one colour: every order tells its own channels."""
+    colour = np.array([200, 120, 40], np.uint8)
+    mosaic = np.empty((8, 8), np.uint8)
+    for place, name in enumerate(order):
+        mosaic[place // 2 :: 2, place % 2 :: 2] = colour["rgb".index(name)]
+    data = cv2.imencode(".png", mosaic)[1].tobytes()
+    told = f"bayer_{order}8; png compressed bayer_{order}8"
+    assert image_from_message(SimpleNamespace(data=data, format=told))[4, 4].tolist() == colour.tolist()
+    assert image_from_message(SimpleNamespace(data=data, format="mono8; png compressed ")).ndim == 2
 
 
 def test_yuv422_of_grey_is_grey() -> None:

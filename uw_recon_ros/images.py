@@ -25,10 +25,21 @@ _BAYER = {
     "grbg": cv2.COLOR_BayerGB2RGB,
 }
 _YUV422 = {
+    "yuv422_uyvy": cv2.COLOR_YUV2RGB_UYVY,
+    "yuyv422": cv2.COLOR_YUV2RGB_YUY2,
+    "yuv422_yuyv": cv2.COLOR_YUV2RGB_YUY2,
+    "yuy2": cv2.COLOR_YUV2RGB_YUY2,
     "yuv422": cv2.COLOR_YUV2RGB_UYVY,
     "uyvy": cv2.COLOR_YUV2RGB_UYVY,
     "yuv422_yuy2": cv2.COLOR_YUV2RGB_YUY2,
     "yuyv": cv2.COLOR_YUV2RGB_YUY2,
+}
+#: Luma rows over rows of half the height with both colours.
+_PLANAR = {
+    "nv12": cv2.COLOR_YUV2RGB_NV12,
+    "nv21": cv2.COLOR_YUV2RGB_NV21,
+    "i420": cv2.COLOR_YUV2RGB_I420,
+    "yv12": cv2.COLOR_YUV2RGB_YV12,
 }
 _COLOR_ORDER = {"rgb": [0, 1, 2], "bgr": [2, 1, 0], "rgba": [0, 1, 2], "bgra": [2, 1, 0]}
 _GENERIC = re.compile(r"(8|16)UC?(1|3|4)?")
@@ -75,9 +86,38 @@ def _layout(encoding: str) -> _Layout:
         convert = _first_channel if channels == 1 else _reorder([2, 1, 0])
         return _Layout(_BIT_DEPTHS[generic[1]], channels, convert)
     raise ImageError(
-        "encoding: expected mono8/16, rgb8/16, bgr8/16, rgba8/16, bgra8/16, bayer_*8/16, 8UC1/3, 16UC1/3 or yuv422, "
-        f"got {encoding[:40]!r}"
+        "encoding: expected mono8/16, rgb8/16, bgr8/16, rgba8/16, bgra8/16, bayer_*8/16, 8UC1/3, 16UC1/3, yuv422, "
+        f"nv12, nv21 or i420, got {encoding[:40]!r}"
     )
+
+
+def _decode_planar(data: Any, size: tuple[int, int], encoding: str, step: int, most_pixels: int) -> RawImage:
+    """RGB of YUV 4:2:0; drivers count the rows of colour as height, or do not."""
+    view = memoryview(data).cast("B")
+    height, width = size
+    if len(view) == step * height and height % 3 == 0:
+        height = height * 2 // 3
+    if not (0 < height <= _MAX_SIDE and 0 < width <= _MAX_SIDE) or width * height > most_pixels:
+        raise ImageError(
+            f"image size: expected 1 to {_MAX_SIDE} px a side, at most {most_pixels}, got {width}x{height}"
+        )
+    if height % 2 or width % 2 or step < width or len(view) != step * height * 3 // 2:
+        raise ImageError(
+            f"image data: expected even sides and step x height x 3/2 bytes of {encoding}, got {width}x{height} px, "
+            f"step {step}, {len(view)} bytes"
+        )
+    rows = np.frombuffer(view, np.uint8).reshape(height * 3 // 2, step)
+    if step != width and encoding in ("i420", "yv12"):
+        raise ImageError(f"step: expected {width} bytes for {width} px of {encoding}, got {step}")
+    return cv2.cvtColor(np.ascontiguousarray(rows[:, :width]), _PLANAR[encoding])
+
+
+def demosaiced(mosaic: RawImage, encoding: str) -> RawImage:
+    """RGB of a Bayer mosaic (H, W) by a name of ``sensor_msgs/image_encodings``; what is none comes back as it is."""
+    order = encoding.removeprefix("bayer_")[:4]
+    if mosaic.ndim != 2 or not encoding.startswith("bayer_") or order not in _BAYER:
+        return mosaic
+    return cv2.cvtColor(np.ascontiguousarray(mosaic), _BAYER[order])
 
 
 def decode_image(
@@ -117,6 +157,8 @@ def decode_image(
     ImageError
         Naming the field, the expectation and what came.
     """
+    if encoding.lower() in _PLANAR:
+        return _decode_planar(data, (height, width), encoding.lower(), step, most_pixels)
     layout = _layout(encoding)
     if not (0 < height <= _MAX_SIDE and 0 < width <= _MAX_SIDE):
         raise ImageError(f"image size: expected 1 to {_MAX_SIDE} px a side, got {width}x{height}")

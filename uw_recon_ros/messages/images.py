@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from uw_recon_ros.bounds import LARGEST_PIXELS
 from uw_recon_ros.errors import ImageError
 from uw_recon_ros.files.images import decode_compressed
-from uw_recon_ros.images import decode_image
+from uw_recon_ros.images import decode_image, demosaiced
 from uw_recon_ros.messages.factory import MessageFactory
 from uw_recon_ros.types import FloatImage, RawImage
 
@@ -86,11 +86,18 @@ def image_from_message(message: Any, most_pixels: int = LARGEST_PIXELS) -> RawIm
         Naming the field, the expectation and what came.
     """
     if not hasattr(message, "encoding"):
-        return decode_compressed(message.data, most_pixels)
+        decoded = decode_compressed(message.data, most_pixels)
+        return demosaiced(decoded, _lossless_mosaic(str(message.format)))
     return decode_image(
         message.data, height=message.height, width=message.width, encoding=message.encoding, step=message.step,
         is_bigendian=message.is_bigendian, most_pixels=most_pixels,
     )  # fmt: skip
+
+
+def _lossless_mosaic(told: str) -> str:
+    """The encoding before compression, of ``bayer_rggb8; png compressed bayer_rggb8``; JPEG mixes its colours."""
+    encoding, _, transport = told.partition(";")
+    return encoding.strip() if "png" in transport or "tiff" in transport else ""
 
 
 def float_image_from_message(message: Any) -> FloatImage:
