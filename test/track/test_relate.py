@@ -10,7 +10,7 @@ from helpers.track_scenes import GEOMETRY, bottom, descriptors, motion, seen
 
 from uw_recon_ros import rigid
 from uw_recon_ros.track.bridge import bridge, make_relief
-from uw_recon_ros.track.keypoints import Keypoints, RigError, find_keypoints, points_of
+from uw_recon_ros.track.keypoints import Keypoints, RigError, find_keypoints, packed, points_of
 from uw_recon_ros.track.params import TrackParams
 from uw_recon_ros.track.relate import Matches, linearise, projected, relate, rival
 from uw_recon_ros.types import Matrix
@@ -53,6 +53,19 @@ def test_the_error_is_as_large_as_the_covariance_says() -> None:
         chi2.append(found.chi2)
     assert 1 / 4.5 < np.mean(squares) < 1.3, "the shared errors of a real matcher, 2.5 in variance, are absent here"
     assert np.mean(chi2) == pytest.approx(1.0, abs=0.12)
+
+
+def test_packed_key_points_relate_as_the_whole_ones_and_take_a_quarter() -> None:
+    first, second = two(5)
+    small = packed(first, 400), packed(second, 400)
+    whole = relate(first, second, GEOMETRY, PARAMS)
+    found = relate(small[0].unpacked(), small[1].unpacked(), GEOMETRY, PARAMS)
+    assert whole is not None
+    assert found is not None
+    assert found.inliers > 0.9 * min(400 / len(first), 1) * whole.inliers
+    assert rigid.log(rigid.inverse(found.motion) @ whole.motion) == pytest.approx(np.zeros(6), abs=0.004)
+    size = sum(getattr(small[0], name).nbytes for name in ("measured", "sigma", "descriptors"))
+    assert size == 400 * (128 + 16)
 
 
 def test_wrong_matches_do_not_matter_and_too_few_are_refused() -> None:

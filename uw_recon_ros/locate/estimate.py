@@ -161,7 +161,7 @@ def _steps(count: int, links: list[Link]) -> Matrix:
 
 
 def _loop(walk: Walk, i: int, k: int, chosen: LocateParams, tracking: TrackParams) -> Link | None:
-    first, second, geometry = walk.keypoints[i], walk.keypoints[k], walk.geometries[k]
+    first, second, geometry = walk.keypoints[i].unpacked(), walk.keypoints[k].unpacked(), walk.geometries[k]
     relation = relate(first, second, geometry, tracking, inliers=chosen.loop_inliers)
     if relation is None or is_ambiguous(first, second, geometry, tracking, relation):
         return None

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros.track.bridge import Relief, bridge, make_relief
-from uw_recon_ros.track.keypoints import Keypoints, find_keypoints
+from uw_recon_ros.track.keypoints import Keypoints, PackedKeypoints, find_keypoints, packed
 from uw_recon_ros.track.params import TrackParams
 from uw_recon_ros.track.relate import RelativePose, relate, rival
 from uw_recon_ros.trajectory import DisparityFrame
 from uw_recon_ros.types import Matrix, StereoGeometry
 
 _BEFORE = 3  # frames back to which a relation is sought
-_LOOP_KEYPOINTS, _RIVAL_KEYPOINTS = 800, 700
+_LOOP_KEYPOINTS, _RIVAL_KEYPOINTS = 600, 700
 _FAR_SHARE, _WEAK_SHARE = 0.1, 0.3  # of the depth, of the usual inliers
 _LEAST_RIVAL = 10  # inliers; fewer are chance
 _CLEARLY = 0.33  # how much nearer to the guess the relation has to be than its rival
@@ -47,7 +47,7 @@ class Walk:
     """
 
     stamps_ns: list[int] = field(default_factory=list)
-    keypoints: list[Keypoints] = field(default_factory=list)
+    keypoints: list[PackedKeypoints] = field(default_factory=list)
     geometries: list[StereoGeometry] = field(default_factory=list)
     depths: list[float] = field(default_factory=list)
     links: list[Link] = field(default_factory=list)
@@ -105,7 +105,7 @@ class Walker:
         self.walk.stamps_ns.append(frame.stamp_ns)
         self.walk.geometries.append(frame.geometry)
         self.walk.depths.append(float(np.median(known)) if known.size else float("nan"))
-        self.walk.keypoints.append(thinned(keypoints, _LOOP_KEYPOINTS))
+        self.walk.keypoints.append(packed(keypoints, _LOOP_KEYPOINTS))
 
     def _link(
         self, index: int, keypoints: Keypoints, relief: Relief, geometry: StereoGeometry, prior: Matrix | None

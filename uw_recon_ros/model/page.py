@@ -187,4 +187,5 @@ def _segments(parts: Sequence[Part], unit: str) -> Section:
 
 def _segment_row(entry: dict[str, Any]) -> tuple[str, ...]:
     known = (f"{entry['area']:.3g}", f"{100 * entry['completeness']:.1f} %") if "area" in entry else ("-", "-")
-    return (str(entry["segment"]), entry["folder"], str(entry["frames"]), str(entry["triangles"]), *known)
+    folder = "model" if entry["folder"] == "." else f"model/{entry['folder']}"
+    return (str(entry["segment"]), folder, str(entry["frames"]), str(entry["triangles"]), *known)

@@ -16,7 +16,7 @@ class DiveModelParams(Params):
     )
     max_sigma_m: float = param(
         0.0,
-        "Pixels less sure than this are left out; 0: 1.2 voxels, at least one and a half of the dive's median.",
+        "Pixels less sure than this are left out; 0: 1.2 voxels, at least twice the dive's median.",
         unit="m",
         low=0.0,
         high=10.0,

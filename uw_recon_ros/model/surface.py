@@ -22,7 +22,7 @@ from uw_recon_ros.model.work import Arrays, Task
 from uw_recon_ros.types import Matrix
 
 _LOOKED_AT = 24  # frames that choose the size of the voxels
-_SIGMA_VOXELS, _USUAL_SIGMAS = 1.2, 1.5  # beyond both, a depth is left out
+_SIGMA_VOXELS, _USUAL_SIGMAS = 1.2, 2.0  # beyond both, a depth is left out
 _SHARP_WINDOW = 5  # frames to either side that sharpness is relative to
 
 

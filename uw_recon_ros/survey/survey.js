@@ -55,6 +55,7 @@
   const model = document.querySelector("iframe.model");
   model?.addEventListener("load", () => {
     const inside = model.contentDocument.documentElement, theme = document.documentElement.dataset;
+    model.contentDocument.getElementById("theme").hidden = true;
     const fit = () => { model.style.height = `${model.contentDocument.querySelector(".page").offsetHeight}px`; };
     new ResizeObserver(fit).observe(model.contentDocument.querySelector(".page"));
     addEventListener("themechange", () => {
