@@ -55,6 +55,7 @@ def _report(result: Products) -> PairReport:
             "row_error_p95_px": finite(quality.row_error_p95_px),
             "inliers": quality.inliers,
             "medium": quality.medium or None,
+            "shape_sigma_percent": finite(quality.shape_sigma_percent),
             "refused": None,
             "warnings": [str(finding) for finding in quality.warnings],
         },
@@ -98,7 +99,9 @@ def _geometry(depth: DepthMap) -> PairReport:
 
 def _failure(stage: str, error: ReconError) -> PairReport:
     """A report of the same form for a pair that did not come through."""
-    nothing = dict.fromkeys(["method", "row_error_median_px", "row_error_p95_px", "inliers", "medium"])
+    nothing = dict.fromkeys(
+        ["method", "row_error_median_px", "row_error_p95_px", "inliers", "medium", "shape_sigma_percent"]
+    )
     matching = dict.fromkeys(["method", "energy", "seconds", "density", "min_disparity", "max_disparity"])
     return {
         "rectification": {**nothing, "refused": str(error) if stage == "rectify" else None, "warnings": []},

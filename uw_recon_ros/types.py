@@ -296,6 +296,9 @@ class RectificationQuality:
     medium : str
         What the rows of a calibrated pair say: it works in ``water`` though calibrated in air, ``as calibrated``, or
         ``cannot tell``; empty where nobody looked.
+    shape_sigma_percent : float
+        Of an uncalibrated shape: standard deviation of relative depths, by focal length and plane at infinity; NaN for
+        a calibrated one.
     """
 
     method: str
@@ -304,6 +307,7 @@ class RectificationQuality:
     inliers: int = 0
     warnings: tuple[Finding, ...] = ()
     medium: str = ""
+    shape_sigma_percent: float = float("nan")
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from uw_recon_ros.errors import EstimationError
+from uw_recon_ros.findings import Code
 from uw_recon_ros.rectify import RectifyParams, TiePoints, estimate_rectification
 from uw_recon_ros.rectify.quality import homography_distortion
 
@@ -209,8 +210,11 @@ def test_the_same_image_twice_is_refused():
 
 def test_forward_motion_is_refused():
     rig = make_rig(center=(0.01, 0.005, 0.4), angles_deg=(0.5, 0.3, 0.2))
-    with pytest.raises(EstimationError, match=r"forward motion: the epipole lies in the \w+ image, at \(\d+, \d+\) of"):
+    with pytest.raises(
+        EstimationError, match=r"forward motion: the epipole lies in the \w+ image, at \(\d+, \d+\) of"
+    ) as caught:
         estimate(tie_points(rig, 500, noise=0.2))
+    assert caught.value.code == Code.RECTIFY_FORWARD_MOTION
 
 
 def test_rows_that_disagree_are_refused():
@@ -219,10 +223,11 @@ def test_rows_that_disagree_are_refused():
     rng = np.random.default_rng(0)
     shaken = TiePoints(points.left, points.right + rng.normal(0, 6, points.right.shape), 640, 480)
     with pytest.raises(
-        EstimationError, match=r"95th percentile of the row error up to 2 px, got (\d+\.\d+) px"
+        EstimationError, match=r"95th percentile of the row error up to 4.00 px, got (\d+\.\d+) px"
     ) as caught:
         estimate(shaken)
-    assert float(re.search(r"got (\d+\.\d+) px", str(caught.value))[1]) > 2
+    assert float(re.search(r"got (\d+\.\d+) px", str(caught.value))[1]) > 4
+    assert caught.value.code == Code.RECTIFY_ROWS_DISAGREE
 
 
 def test_distorted_images_are_refused():

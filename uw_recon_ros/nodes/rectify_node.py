@@ -13,6 +13,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -98,6 +99,7 @@ def report_rectification(diagnostics: Diagnostics, pair: RectifiedPair) -> None:
         row_error_p95_px=f"{quality.row_error_p95_px:.3f}",
         inliers=quality.inliers,
         medium=quality.medium or None,
+        shape_sigma_percent=f"{shape:.1f}" if math.isfinite(shape := quality.shape_sigma_percent) else None,
         scale="metric" if pair.geometry.metric else "unknown",
         rectifying_rotation_deg=f"{rectified_frame.rotation_deg(pair.geometry):.3f}",
     )

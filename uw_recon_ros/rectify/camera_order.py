@@ -10,6 +10,7 @@ from uw_recon_ros.errors import EstimationError
 from uw_recon_ros.findings import Code, Finding
 from uw_recon_ros.rectify.model_selection import Candidate
 from uw_recon_ros.rectify.plane_at_infinity import baseline_side, infinity_shift
+from uw_recon_ros.rectify.quality import forward_motion
 from uw_recon_ros.rectify.rectification import Rectification
 from uw_recon_ros.types import Matrix
 
@@ -64,7 +65,8 @@ def sided(rectification: Rectification, candidate: Candidate) -> tuple[Rectifica
     _check_parallax(parallax)
     side = baseline_side(parallax, raw, candidate.fit.infinity_sigma_px, candidate.axis)
     if side < 0 and candidate.axis == "horizontal":
-        raise _exchanged(parallax, raw)
+        moving = forward_motion(points)  # both signs of parallax lie in such a pair
+        raise EstimationError(moving[0].text, moving[0].code) if moving else _exchanged(parallax, raw)
     baseline = None if geometry.baseline_m is None else side * geometry.baseline_m
     shift = infinity_shift(side * parallax)
     geometry = replace(geometry, baseline_sign=side, baseline_m=baseline, cx_right=geometry.cx_right + side * shift)

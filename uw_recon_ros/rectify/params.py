@@ -91,12 +91,19 @@ class RectifyParams(Params):
         low=0.0,
         high=5.0,
     )
-    row_error_limit_px: float = param(
-        2.0,
-        "Largest 95th percentile of the row error; over it a rectification is refused.",
-        unit="px",
-        low=0.1,
-        high=50.0,
+    row_error_limit_permille: float = param(
+        2.5,
+        "Largest 95th percentile of an estimate's row error, in thousandths of the diagonal (2 px at 640x480); above, "
+        "above 2 px and above what the tie points' noise explains, it is refused.",
+        low=0.05,
+        high=100.0,
+    )
+    shape_limit_percent: float = param(
+        40.0,
+        "Uncertainty of an uncalibrated shape's relative depths over which it is called projective.",
+        unit="percent",
+        low=1.0,
+        high=1000.0,
     )
     row_unreliable_permille: float = param(
         0.4,

@@ -54,6 +54,8 @@ class QuasiEuclidean:
         Sum of squared Sampson distances and prior, px^2.
     infinity_sigma_px : float
         Standard deviation of the disparity of points at infinity, px.
+    focal_sigma : float
+        Standard deviation of the focal length, as a share of it; 0 where it was given.
     """
 
     rotation_left: Matrix
@@ -63,6 +65,7 @@ class QuasiEuclidean:
     fundamental: Matrix
     cost_px2: float
     infinity_sigma_px: float
+    focal_sigma: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,14 +149,22 @@ def _search(free_focal: _Problem, fixed_focal: _Problem, seed: int) -> tuple[_Pr
     return fixed_focal, fixed_focal.solve(np.zeros(6))
 
 
-def _infinity_sigma(problem: _Problem, solution: _Solution, focal_px: float) -> float:
-    """Standard deviation, px, of ``f (y_l - y_r)``: where the fit puts points at infinity."""
+def _sigma(problem: _Problem, solution: _Solution, gradient: Matrix) -> float:
+    """Standard deviation of a linear function of the unknowns, by what the fit leaves of the tie points."""
     normal = solution.jacobian.T @ solution.jacobian
     noise = float(np.sqrt(solution.cost / max(len(problem.left) - len(normal), 1)))
-    gradient = np.array([1.0, 0, 0, -1.0, 0, 0])[problem.free]
+    free = gradient[problem.free]
     ridge = 1e-12 * np.trace(normal) * np.eye(len(normal))
-    variance = float(gradient @ np.linalg.solve(normal + ridge, gradient))
-    return focal_px * noise * float(np.sqrt(max(variance, 0.0)))
+    variance = float(free @ np.linalg.solve(normal + ridge, free))
+    return noise * float(np.sqrt(max(variance, 0.0)))
+
+
+def _focal_sigma(problem: _Problem, solution: _Solution, given: bool) -> float:
+    """Share of the focal length; what a rig is like before any match is seen, where the matches did not tell."""
+    if given:
+        return 0.0
+    told = _sigma(problem, solution, np.array([0, 0, 0, 0, 0, 1.0])) if problem.free[5] else np.inf
+    return float(LOG3 * min(told, _PRIOR_FOCAL))
 
 
 def fit_quasi_euclidean(
@@ -202,10 +213,10 @@ def fit_quasi_euclidean(
         problem, solution = _search(free_focal, fixed_focal, seed)
     else:
         problem, solution = fixed_focal, fixed_focal.solve(np.zeros(6))
-    return _in_pixels(problem, solution, unit, center)
+    return _in_pixels(problem, solution, unit, center, given=focal_px is not None)
 
 
-def _in_pixels(problem: _Problem, solution: _Solution, unit: float, center: Matrix) -> QuasiEuclidean:
+def _in_pixels(problem: _Problem, solution: _Solution, unit: float, center: Matrix, *, given: bool) -> QuasiEuclidean:
     rotation_left, rotation_right = rotations(solution.unknowns)
     half = rotation_about(0, -solution.unknowns[2] / 2)  # both may turn about the baseline: share the right one's turn
     focal = float(3.0 ** solution.unknowns[5]) * unit
@@ -218,5 +229,6 @@ def _in_pixels(problem: _Problem, solution: _Solution, unit: float, center: Matr
         focal_fixed=not problem.free[5],
         fundamental=fundamental / np.linalg.norm(fundamental),
         cost_px2=solution.cost * unit**2,
-        infinity_sigma_px=_infinity_sigma(problem, solution, focal),
+        infinity_sigma_px=focal * _sigma(problem, solution, np.array([1.0, 0, 0, -1.0, 0, 0])),
+        focal_sigma=_focal_sigma(problem, solution, given),
     )

@@ -50,7 +50,7 @@ class RowAgreement:
         """Measure a rectification on tie points that it was not made from."""
         errors = rectification.row_errors(tie_points)
         median, p95 = row_statistics(errors)
-        noise = _noise(errors, *rectification.rectified(tie_points), size=tie_points.width)
+        noise = row_noise(errors, *rectification.rectified(tie_points), size=tie_points.width)
         return cls(median, p95, noise, len(tie_points), math.hypot(tie_points.width, tie_points.height))
 
     def limit_px(self, params: RectifyParams) -> float:
@@ -101,7 +101,7 @@ def not_checked(why: str = "no tie points") -> Finding:
     return Finding(Code.RECTIFY_NOT_CHECKED, text, Severity.WARN, "look at pairs with more texture")
 
 
-def _noise(errors: Matrix, left: Matrix, right: Matrix, size: int) -> float:
+def row_noise(errors: Matrix, left: Matrix, right: Matrix, size: int) -> float:
     """Median magnitude of the row errors about a smooth surface in image and disparity, fitted robustly, px."""
     known = np.isfinite(errors) & np.isfinite(left).all(axis=1) & np.isfinite(right).all(axis=1)
     if known.sum() < _FEWEST:

@@ -7,19 +7,19 @@ from dataclasses import replace
 import numpy as np
 
 from uw_recon_ros.errors import EstimationError
-from uw_recon_ros.findings import Code, Finding
+from uw_recon_ros.findings import Code, Finding, Severity
 from uw_recon_ros.rectify.camera_order import sided
-from uw_recon_ros.rectify.fundamental import fit_fundamental
 from uw_recon_ros.rectify.model_selection import Candidate, came_rectified, choose_axis
 from uw_recon_ros.rectify.params import RectifyParams
 from uw_recon_ros.rectify.quality import flatness_warnings, forward_motion, refusals
 from uw_recon_ros.rectify.rectification import Rectification, row_statistics
 from uw_recon_ros.rectify.rectified_camera import RectifiedCamera, Views
+from uw_recon_ros.rectify.rows import row_noise
+from uw_recon_ros.rectify.shape import USUAL_FOCAL, projective, shape_sigma, with_lens
 from uw_recon_ros.rectify.tie_points import TiePoints, thinned
 from uw_recon_ros.rectify.warp import inner_windows, make_canvas, swapped_map, swapped_window, warped_centre
 from uw_recon_ros.types import Axis, Matrix, RectificationQuality, StereoGeometry, Window
 
-_USUAL_FOCAL = 3.0**-0.5  # of w + h: what the prior of the fit assumes
 _INFINITY_SIGMA_LIMIT_PX = 1.0
 
 
@@ -49,15 +49,19 @@ def _as_given(candidate: Candidate, params: RectifyParams) -> Rectification:
     """Leave the images as they are."""
     points = candidate.everything
     size = points.width, points.height
-    k = _intrinsics(points, params.focal_px or _USUAL_FOCAL * sum(size))
+    k = _intrinsics(points, params.focal_px or USUAL_FOCAL * sum(size))
     view = RectifiedCamera(k, np.eye(3), k)
     return Rectification(
         view, view, *size, *size, geometry=_geometry(view, view, params), quality=RectificationQuality("given")
     )
 
 
-def _refused(reasons: list[str]) -> EstimationError:
-    return EstimationError("rectification refused: " + "; ".join(reasons))
+def _refused(reasons: list[Finding]) -> EstimationError:
+    return EstimationError("rectification refused: " + "; ".join(r.text for r in reasons), reasons[0].code)
+
+
+def _distorted(text: str) -> Finding:
+    return Finding(Code.RECTIFY_DISTORTED, text, Severity.REFUSED)
 
 
 def _views(candidate: Candidate) -> Views | None:
@@ -78,18 +82,15 @@ def _views(candidate: Candidate) -> Views | None:
 
 def _sound_views(candidate: Candidate, params: RectifyParams) -> Views:
     """The views, unless something speaks against them; said of the images as they were taken."""
-    level, fundamental, points = _views(candidate), candidate.fit.fundamental, candidate.everything
+    level, points = _views(candidate), candidate.everything
+    upright = points if candidate.axis == "horizontal" else points.transposed()
     if level is None:
-        turned = forward_motion(fit_fundamental(points.left, points.right), points)
-        raise _refused(turned or ["the rectified cameras would look backwards"])
+        raise _refused(forward_motion(upright) or [_distorted("the rectified cameras would look backwards")])
     left, right = level[0].rectified(candidate.held_out.left), level[1].rectified(candidate.held_out.right)
-    row_error = row_statistics(left[:, 1] - right[:, 1])
-    views = level
-    if candidate.axis == "vertical":
-        swap = np.eye(3)[[1, 0, 2]]
-        views, points = (level[0].transposed(), level[1].transposed()), points.transposed()
-        fundamental = swap @ fundamental @ swap
-    reasons = refusals(views, fundamental, points, row_error, params)
+    errors = left[:, 1] - right[:, 1]
+    noise = row_noise(errors, left, right, size=points.width)
+    views = level if candidate.axis == "horizontal" else (level[0].transposed(), level[1].transposed())
+    reasons = refusals(views, upright, row_statistics(errors), params, noise)
     if reasons:
         raise _refused(reasons)
     return level
@@ -102,7 +103,8 @@ def _warped(candidate: Candidate, views: Views, params: RectifyParams) -> Rectif
     windows = inner_windows((canvases[0].shown, canvases[1].shown), same_columns=False)
     share = windows[0].width * windows[0].height / (size[0] * size[1])
     if share < params.rectify_min_area:
-        raise _refused([f"expected at least {params.rectify_min_area:.0%} of the image to remain, got {share:.0%}"])
+        text = f"expected at least {params.rectify_min_area:.0%} of the image to remain, got {share:.0%}"
+        raise _refused(forward_motion(candidate.everything) or [_distorted(text)])
     kept = windows if params.rectify_crop else (Window(0, 0, *size),) * 2
     left, right = (view.moved(w.u, w.v) for view, w in zip(views, kept, strict=True))
     maps = [canvas.part(w) for canvas, w in zip(canvases, kept, strict=True)]
@@ -115,6 +117,15 @@ def _warped(candidate: Candidate, views: Views, params: RectifyParams) -> Rectif
     )  # fmt: skip
 
 
+def _shape_sigma(rectification: Rectification, candidate: Candidate, params: RectifyParams) -> float:
+    """Percent, of relative depths."""
+    geometry = rectification.geometry
+    moved = abs(geometry.offset_px - (rectification.right.k_new[0, 2] - rectification.left.k_new[0, 2]))
+    infinity, focal = with_lens(candidate.fit, candidate.fitted, params)
+    parallax = geometry.baseline_sign * rectification.parallax(candidate.everything)
+    return shape_sigma(parallax, float(np.hypot(infinity, moved)), focal)
+
+
 def _judged(
     rectification: Rectification, candidate: Candidate, warnings: tuple[Finding, ...], params: RectifyParams
 ) -> Rectification:
@@ -125,12 +136,14 @@ def _judged(
         text = f"metres are vague: points at infinity may have a disparity of +-{sigma:.1f} px"
         warnings += (Finding(Code.RECTIFY_INFINITY_VAGUE, text),)
     flat = flatness_warnings(candidate.everything, params)
+    shape = _shape_sigma(rectification, candidate, params)
     quality = replace(
         rectification.quality,
         row_error_median_px=median,
         row_error_p95_px=p95,
         inliers=len(candidate.everything),
-        warnings=warnings + flat,
+        warnings=warnings + flat + projective(shape, params),
+        shape_sigma_percent=shape,
     )
     return replace(rectification, quality=quality, flat=bool(flat))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -93,13 +94,15 @@ def error_rows(errors: DepthErrors, unit: str) -> Rows:
 
 
 def rectification_rows(quality: RectificationQuality) -> Rows:
-    """A table of how well the rows agree."""
+    """A table of how well the rows agree, and what is known of scale and shape."""
+    sigma = quality.shape_sigma_percent
     return [
         ("Method", quality.method),
         ("Row error, median", measured(quality.row_error_median_px, "px")),
         ("Row error, 95th percentile", measured(quality.row_error_p95_px, "px")),
         ("Tie points that agree", f"{quality.inliers}"),
         *([("Medium, by the rows", quality.medium)] if quality.medium else []),
+        *([("Uncertainty of relative depths", f"{sigma:.1f} %")] if math.isfinite(sigma) else []),
     ]
 
 

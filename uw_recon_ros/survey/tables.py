@@ -146,6 +146,7 @@ def _rig(found: Rectification) -> dict[str, Any]:
         "row_error_p95_px": finite(quality.row_error_p95_px),
         "inliers": quality.inliers,
         "medium": quality.medium or None,
+        "shape_sigma_percent": finite(quality.shape_sigma_percent),
         "warnings": [str(finding) for finding in quality.warnings],
         "axis": geometry.axis,
         "focal_px": geometry.focal_px,
