@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from test_planes_matcher import Image, pair_of, texture, to_bytes
 from uw_recon_ros.match.methods import EFFORTS
 from uw_recon_ros.match.planes import refinement
 from uw_recon_ros.match.planes.matcher import graph_cut
-from uw_recon_ros.match.planes.texture import noise_sigma, row_contrast, untextured_mask
+from uw_recon_ros.match.planes.texture import derivative, local_variance, noise_sigma, untextured_mask
 from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.types import RectificationQuality, RectifiedPair, Status
 
@@ -101,9 +102,47 @@ def test_noise_is_measured_beside_texture(sigma: float) -> None:
     assert noise_sigma(noisy(scene, sigma, 1).astype(np.float32)) == pytest.approx(sigma, rel=0.15)
 
 
-def test_contrast_of_a_ramp_is_its_slope() -> None:
+def test_a_veil_that_brightens_evenly_is_no_texture() -> None:
     ramp = np.tile(np.arange(80, dtype=np.float32) * 1.5, (40, 1))
-    assert np.allclose(row_contrast(ramp)[:, 12:-12], 1.5**2, rtol=1e-3)
+    assert np.allclose(derivative(ramp)[2:-2, 12:-12], 1.5, rtol=1e-3)
+    assert (local_variance(derivative(ramp))[:, 12:-12] < 1e-6).all()
+
+
+def test_variance_of_a_wave_is_that_of_its_slope() -> None:
+    wave = np.tile(20 * np.sin(np.arange(150, dtype=np.float32) * 2 * np.pi / 15), (40, 1)).astype(np.float32)
+    slope = np.cos(2 * np.pi / 15 * np.arange(15)) * 20 * np.sin(2 * np.pi / 15) * np.exp(-((2 * np.pi / 15) ** 2) / 2)
+    assert local_variance(derivative(wave))[20, 75] == pytest.approx(slope.var(), rel=0.02)
+
+
+def enhanced_water(side: int, contrast: float, seed: int = 0) -> NDArray[np.float32]:
+    """The right half is a wall at `SHIFT` px, the left a veil that brightens; noise that a filter has made smooth."""
+    rng = np.random.default_rng([seed, side])
+    veil = np.tile(np.linspace(60, 140, 240, dtype=np.float32), (140, 1))
+    wall = texture(140, 320, 4)[:, :, 0].astype(np.float32)[:, 20 + SHIFT * side : 260 + SHIFT * side]
+    wall = (wall - wall.mean()) * contrast / wall.std()
+    edge = 120 - SHIFT * side
+    noise = cv2.GaussianBlur(rng.normal(0, 6, veil.shape).astype(np.float32), (0, 0), 1.2)
+    veil[:, edge:] += wall[:, edge:]
+    return veil + noise
+
+
+@pytest.mark.parametrize("effort", ["navigation", "balanced"])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_smooth_noise_in_a_veil_is_no_surface(effort: str, seed: int) -> None:
+    left, right = (to_bytes(enhanced_water(side, 25, seed)) for side in (0, 1))
+    result = graph_cut(left, right, 0, 40, effort=effort)
+    assert np.isfinite(result.disparity)[:, 40:95].mean() < 0.05
+    assert (result.status == Status.LOW_TEXTURE)[:, 40:95].mean() > 0.9
+    wall = result.disparity[:, 140:235]
+    assert (np.abs(wall - SHIFT) < 0.5).mean() > 0.97
+
+
+def test_what_is_faint_but_of_one_piece_is_kept() -> None:
+    """As mud is: its texture not stronger than the noise, which is as smooth, its surface one."""
+    left, right = (to_bytes(enhanced_water(side, 2.5)) for side in (0, 1))
+    found = graph_cut(left, right, 0, 40).disparity[:, 145:230]
+    assert np.isfinite(found).mean() > 0.9
+    assert np.nanmean(np.abs(found - SHIFT) < 1) > 0.95
 
 
 def test_nothing_is_cut_in_open_water(monkeypatch: pytest.MonkeyPatch) -> None:

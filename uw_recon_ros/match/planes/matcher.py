@@ -35,6 +35,7 @@ from uw_recon_ros.match.planes.left_right_check import (
     remove_small_segments,
 )
 from uw_recon_ros.match.planes.motion import FrameBefore, move_planes
+from uw_recon_ros.match.planes.open_water import open_water
 from uw_recon_ros.match.planes.proposals import BEFORE, FIT, NEAR, OWN, POINTS, SHAKEN, Sources
 from uw_recon_ros.match.planes.refinement import Pass, disparity_of, refine
 from uw_recon_ros.match.planes.semiglobal import semiglobal_start
@@ -143,13 +144,14 @@ def graph_cut(
     images = _Image.pair(left, right, threads)
     limits = (min_disparity, max_disparity)
     start, status = _start(images, limits, threads)
-    blank = untextured_mask(images[0].pixels, images[1].pixels)
+    shown = images[0].pixels, images[1].pixels
+    blank = untextured_mask(*shown) | open_water(*shown, start, status == 0)
     schedule = SCHEDULES[effort]
     if not schedule.passes:
         _leave_out(blank, status)
         return _result(start, images, status, float("nan"), effort, threads)
-    usable, shown = status == 0, images[0].as_bytes()
-    moved = None if before is None else move_planes(before, shown, start, usable)
+    usable, gray = status == 0, images[0].as_bytes()
+    moved = None if before is None else move_planes(before, gray, start, usable)
     state = _planes(*images, start, usable, blank, moved, limits, schedule, seed, threads)
     disparity = np.clip(disparity_of(state.planes), *limits)
     run_parallel(
@@ -158,7 +160,7 @@ def graph_cut(
     _leave_out(blank, status)
     remove_small_segments(disparity, status)
     result = _result(disparity, images, status, sum(energy(state)) / schedule.units, effort, threads)
-    return replace(result, frame=FrameBefore(shown, state.planes))
+    return replace(result, frame=FrameBefore(gray, state.planes))
 
 
 def _require(left: ByteImage, right: ByteImage, low: int, high: int, effort: str) -> None:

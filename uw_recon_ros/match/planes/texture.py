@@ -1,7 +1,7 @@
 """Where there is nothing to match: texture that does not rise above the pair's own noise.
 
 A surface's disparity can be told from the brightness changing along the row. Noise changes it too, by a known amount
-(Gaussian derivative of white noise), so there is texture where the mean square of the smoothed image's derivative over
+(Gaussian derivative of white noise), so there is texture where the variance of the smoothed image's derivative over
 a window is more than `RISE` times what the noise alone would give, in a patch that somewhere reaches `SURE` times
 (two thresholds, as for the edges of Canny, 1986: chance alone passes the first in 3 of 100 windows). A pixel is
 untextured where neither it nor any other within `CARRY` px has texture: over a shorter gap its surroundings carry the
@@ -22,7 +22,7 @@ from uw_recon_ros.match.planes.gray import mix
 from uw_recon_ros.types import ByteImage, FloatImage, Mask
 
 SMOOTHING = 1.0  #: of the derivative, px
-WINDOW = 15  #: side of the window that its square is averaged over, px
+WINDOW = 15  #: side of the window that its variance is taken over, px
 RISE, SURE = 1.6, 2.5  #: what that must be of what noise alone gives, and somewhere in a patch
 CARRY = 4  #: px
 _BORDER = 2  # px
@@ -45,13 +45,22 @@ def untextured_mask(left: ByteImage, right: ByteImage) -> Mask:
     if min(left.shape[:2]) < WINDOW:
         return np.zeros(left.shape[:2], np.bool_)
     gray = mix(left, 0)
-    variance = max(noise_sigma(gray), noise_sigma(mix(right, 0))) ** 2
-    rise = row_contrast(gray) / np.float32(variance * _noise_of_derivative())
-    _, patches = cv2.connectedComponents((rise > RISE).astype(np.uint8))
-    textured = np.isin(patches, np.unique(patches[rise > SURE]))
+    rise = local_variance(derivative(gray)) / np.float32(noise_floor(gray, mix(right, 0)))
+    return ~grown_from(rise, RISE, SURE)
+
+
+def noise_floor(left: FloatImage, right: FloatImage) -> float:
+    """Variance of `derivative` that the white noise of the noisier view makes."""
+    return max(noise_sigma(left), noise_sigma(right)) ** 2 * _noise_of_derivative()
+
+
+def grown_from(rise: FloatImage, low: float, high: float) -> Mask:
+    """Patches over `low` that somewhere reach `high`, and what lies within `CARRY` of them."""
+    _, patches = cv2.connectedComponents((rise > low).astype(np.uint8))
+    textured = np.isin(patches, np.unique(patches[rise > high]))
     side = 2 * CARRY + 1
     carried = cv2.dilate(textured.astype(np.uint8), np.ones((side, side), np.uint8), borderType=cv2.BORDER_REPLICATE)
-    return np.asarray(carried == 0)
+    return np.asarray(carried > 0)
 
 
 def noise_sigma(gray: FloatImage) -> float:
@@ -64,21 +73,27 @@ def noise_sigma(gray: FloatImage) -> float:
     return max(quiet, ROUNDING)
 
 
-def row_contrast(gray: FloatImage) -> FloatImage:
-    """Mean square over a window of the derivative along the row, of the smoothed image.
+def derivative(gray: FloatImage) -> FloatImage:
+    """Derivative along the row of the smoothed image; 0 at the outermost pixels.
 
-    The outermost pixels, which are smoothed with fewer neighbours and so keep more noise, are not counted.
+    Those are smoothed with fewer neighbours and so keep more noise: `local_variance` does not count them.
     """
     smooth = cv2.GaussianBlur(gray, (0, 0), SMOOTHING)
-    squares, counted = np.zeros_like(smooth), np.zeros_like(smooth)
+    slope = np.zeros_like(smooth)
     inner = (slice(_BORDER, -_BORDER),) * 2
-    squares[inner] = ((smooth[:, 2:] - smooth[:, :-2]) / 2)[_BORDER:-_BORDER, _BORDER - 1 : 1 - _BORDER] ** 2
-    counted[inner] = 1
-    sums, counts = (
+    slope[inner] = ((smooth[:, 2:] - smooth[:, :-2]) / 2)[_BORDER:-_BORDER, _BORDER - 1 : 1 - _BORDER]
+    return np.asarray(slope, np.float32)
+
+
+def local_variance(slope: FloatImage) -> FloatImage:
+    """Variance of a derivative over a window; a veil that brightens evenly has none."""
+    counted = np.zeros_like(slope)
+    counted[(slice(_BORDER, -_BORDER),) * 2] = 1
+    sums, squares, counts = (
         cv2.boxFilter(image, -1, (WINDOW, WINDOW), normalize=False, borderType=cv2.BORDER_CONSTANT)
-        for image in (squares, counted)
+        for image in (slope * counted, slope * slope * counted, counted)
     )
-    return np.asarray(sums / counts, np.float32)
+    return np.asarray(np.maximum(squares / counts - (sums / counts) ** 2, 0), np.float32)
 
 
 def _noise_of_derivative() -> float:

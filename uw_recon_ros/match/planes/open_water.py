@@ -1,0 +1,75 @@
+"""Open water: faint texture about which the start cannot settle on a surface.
+
+What enhancing leaves of the noise is no longer white, so that its second differences underestimate it many times over,
+and the veil of open water seems textured. Two things together tell it from a surface, both from the pair itself:
+
+- it is *faint*: the derivative along the row varies by less than `FAINT` times what the views, laid on each other by
+  the start, leave unexplained where either shows least;
+- the start is *of many pieces* there: less than `OF_ONE_PIECE` of the surroundings lie on one surface that both views
+  agree about. A blank wall is faint too, but of one piece. The smoother the noise, the larger the pieces that chance
+  makes.
+
+Where much of the surroundings is such water, being of many pieces is enough: particles drift in it.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from uw_recon_ros.match.planes.gray import mix
+from uw_recon_ros.match.planes.texture import WINDOW, derivative, grown_from, local_variance, noise_floor
+from uw_recon_ros.types import ByteImage, FloatImage, Mask
+
+FAINT = 10.0, 20.0  #: times the unexplained, and somewhere in a patch; more is texture
+LEAST = 0.2  #: the unexplained is taken from this part of the image
+OF_ONE_PIECE = 0.6, 0.85  #: share of the surroundings: where the noise is white, and where it is smooth ...
+SMOOTH = 2.0, 5.0  #: ... by how many times more is unexplained than white noise would leave
+AROUND = 37  #: side of these, px
+NEAR_PX = 1.0  #: from the median around
+MURKY, REACH, ROUNDS = 0.4, 41, 3  #: share of water within this window that makes what is of many pieces water, too
+
+
+def open_water(left: ByteImage, right: ByteImage, start: FloatImage, agreed: Mask) -> Mask:
+    """Pixels of the left view, (H, W) bool, that show water rather than a surface.
+
+    Parameters
+    ----------
+    left, right : (H, W, C) uint8
+        C = 1 or 3.
+    start : (H, W) float32
+        The start's disparity, px.
+    agreed : (H, W) bool
+        Where both views agree about it.
+    """
+    if min(left.shape[:2]) < AROUND:
+        return np.zeros(left.shape[:2], np.bool_)
+    views = mix(left, 0), mix(right, 0)
+    variance, noise = _texture_and_noise(*views, start)
+    enough = np.interp(noise / noise_floor(*views), SMOOTH, OF_ONE_PIECE)
+    scattered = _share_of_one_piece(start, agreed) < enough
+    water = scattered & ~grown_from(variance / np.float32(noise), *FAINT)
+    for _ in range(ROUNDS if water.any() else 0):
+        around = cv2.blur(water.astype(np.float32), (REACH, REACH), borderType=cv2.BORDER_REPLICATE)
+        water |= scattered & (around > MURKY)
+    return np.asarray(water)
+
+
+def _share_of_one_piece(start: FloatImage, agreed: Mask) -> FloatImage:
+    lowest = float(start.min())
+    step = max(float(start.max()) - lowest, 1.0) / 255
+    median = cv2.medianBlur(np.round((start - lowest) / step).astype(np.uint8), WINDOW)
+    near = agreed & (np.abs(start - lowest - median * np.float32(step)) < NEAR_PX + step / 2)
+    return np.asarray(cv2.blur(near.astype(np.float32), (AROUND, AROUND)), np.float32)
+
+
+def _texture_and_noise(left: FloatImage, right: FloatImage, start: FloatImage) -> tuple[FloatImage, float]:
+    """Variance of the left view's derivative around each pixel, and what of it is unexplained where it is least."""
+    height, width = left.shape
+    v, u = np.indices((height, width), dtype=np.float32)
+    mine = derivative(left)
+    theirs = cv2.remap(derivative(right), u - start, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    variance = local_variance(mine)
+    unexplained = local_variance(np.asarray(mine - theirs, np.float32)) / 2
+    least = variance <= np.quantile(variance, LEAST)
+    return variance, max(float(np.median(unexplained[least])), noise_floor(left, right))
