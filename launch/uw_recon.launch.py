@@ -29,6 +29,7 @@ SHOWN = (
     *(f"rectified/{side}/{image}" for side in ("left", "right") for image in ("image_rect_color", "image_rect")),
     "disparity/status",
     "disparity/sigma",
+    "disparity/confidence",
     "depth/image_rect",
     "depth/sigma",
     "points2",

@@ -66,6 +66,7 @@ def _report(result: Products) -> PairReport:
             "density": disparity.density,
             "min_disparity": disparity.min_disparity,
             "max_disparity": disparity.max_disparity,
+            "residual_row_px": finite(disparity.rows.median_px),
         },
         "scale": "metric" if disparity.geometry.metric else "unknown",
         "geometry": _geometry(result.depth),
@@ -102,10 +103,10 @@ def _failure(stage: str, error: ReconError) -> PairReport:
     nothing = dict.fromkeys(
         ["method", "row_error_median_px", "row_error_p95_px", "inliers", "medium", "shape_sigma_percent"]
     )
-    matching = dict.fromkeys(["method", "energy", "seconds", "density", "min_disparity", "max_disparity"])
+    names = ("method", "energy", "seconds", "density", "min_disparity", "max_disparity", "residual_row_px")
     return {
         "rectification": {**nothing, "refused": str(error) if stage == "rectify" else None, "warnings": []},
-        "matching": matching,
+        "matching": dict.fromkeys(names),
         "scale": "unknown",
         "geometry": None,
         "warnings": [],
@@ -238,5 +239,6 @@ def match_files(
         "density": result.density,
         "min_disparity": result.min_disparity,
         "max_disparity": result.max_disparity,
+        "residual_row_px": finite(result.rows.median_px),
         "warnings": [finding.as_dict() for finding in severe(findings)],
     }

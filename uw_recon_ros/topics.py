@@ -69,6 +69,8 @@ TOPICS = (
     *_both("rectified/{}/image_rect", IMAGE, _RECTIFY, "Rectified {} view, as the matcher sees it.", "mono8"),
     Topic("disparity/status", IMAGE, _DISPARITY, "Why a pixel has no disparity: bits of `Status`, 0 = valid.", "mono8"),
     Topic("disparity/sigma", IMAGE, _DISPARITY, "Standard deviation of the disparity; NaN = invalid.", "32FC1", "px"),
+    Topic("disparity/confidence", IMAGE, _DISPARITY, "Probability that the disparity is less than a pixel off; NaN = "
+          "invalid.", "32FC1"),
     Topic("disparity", DISPARITY_IMAGE, _DISPARITY, "Disparity u_left - u_right; NaN = invalid.", "32FC1", "px"),
     Topic("depth/camera_info", CAMERA_INFO, _CLOUD, "Camera of the depth image: D = 0, R = I.", metric=True),
     Topic("depth/sigma", IMAGE, _CLOUD, "Standard deviation of the depth; NaN = invalid.", "32FC1", "m", metric=True),

@@ -11,6 +11,7 @@ Conventions
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from enum import IntFlag
 from typing import Any, Literal
@@ -368,13 +369,39 @@ class RectifiedPair:
         )
 
 
+@dataclass(frozen=True)
+class RowOffset:
+    """How far rows that should agree were still apart when they were to be matched.
+
+    Parameters
+    ----------
+    median_px, p90_px : float
+        Magnitude of the smooth field that tie points show, px; NaN where there were too few.
+    points : int
+        Tie points it was measured on.
+    mended : bool
+        Whether the right view was bent by it before matching.
+    """
+
+    median_px: float = float("nan")
+    p90_px: float = float("nan")
+    points: int = 0
+    mended: bool = False
+
+    def __str__(self) -> str:
+        if math.isnan(self.median_px):
+            return f"not measured: {self.points} tie points"
+        done = "mended" if self.mended else "left as they are"
+        return f"{self.median_px:.2f} px (a tenth over {self.p90_px:.2f}; {self.points} tie points), rows {done}"
+
+
 @dataclass(frozen=True, eq=False)
 class Matches:
     """Dense correspondence of two images, whatever the cameras.
 
     Parameters
     ----------
-    disparity, sigma, status, min_disparity, max_disparity, method, energy
+    disparity, sigma, status, min_disparity, max_disparity, method, energy, confidence, rows
         As in `DisparityMap`.
     findings : tuple of Finding
         What is to be known of the images.
@@ -388,6 +415,8 @@ class Matches:
     method: str
     energy: float
     findings: tuple[Finding, ...] = ()
+    confidence: FloatImage | None = None
+    rows: RowOffset = RowOffset()
 
     @property
     def density(self) -> float:
@@ -415,6 +444,11 @@ class DisparityMap:
         Of the labelling, in the units of the method; NaN where it has none.
     stamp_ns, frame_id
         As in `StereoPair`.
+    confidence : (H, W) float32 or None
+        Probability that `disparity` is less than a pixel off, 0 to 1; NaN where that is. None: not known, as of
+        disparities that another node found.
+    rows : RowOffset
+        What was left of the rows' offset when they were matched.
     """
 
     disparity: FloatImage
@@ -427,6 +461,8 @@ class DisparityMap:
     energy: float = float("nan")
     stamp_ns: int = 0
     frame_id: str = ""
+    confidence: FloatImage | None = None
+    rows: RowOffset = RowOffset()
 
     @property
     def density(self) -> float:

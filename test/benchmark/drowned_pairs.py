@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from uw_recon_ros.evaluate import fill_rows
 
 STEREO = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "stereo"
+#: Six more, small: low texture, one colour, occlusion at the left border.
+THIRDS = STEREO.parent / "stereo_2006"
 MEDIAN_DEPTH_M = 2.0
 Image = NDArray[np.uint8]
 
@@ -58,9 +60,9 @@ class Truth:
     max_disparity: int
 
 
-def pairs() -> Iterator[Truth]:
-    """The four pairs of the shared data."""
-    for folder in sorted(p.parent for p in STEREO.glob("*/gt.pfm")):
+def pairs(where: Path = STEREO) -> Iterator[Truth]:
+    """The four pairs of the shared data; or those of `THIRDS`."""
+    for folder in sorted(p.parent for p in where.glob("*/gt.pfm")):
         left, right = (cv2.imread(str(folder / f"{view}.png"))[..., ::-1] for view in ("left", "right"))
         truth = cv2.imread(str(folder / "gt.pfm"), cv2.IMREAD_UNCHANGED)
         mask = cv2.imread(str(folder / "mask_nonocc.png"), cv2.IMREAD_GRAYSCALE) == 255

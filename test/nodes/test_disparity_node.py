@@ -71,10 +71,11 @@ def offline(
     return Match(MatchParams(effort=effort, **LIMITS))(pair)
 
 
-def test_disparity_status_and_sigma(bench: Bench) -> None:
+def test_disparity_and_its_companions(bench: Bench) -> None:
     bench.start(DisparityNode, **LIMITS)
     heard = {topic: bench.listen(kind, topic) for topic, kind in
-             {"disparity": DisparityImage, "disparity/status": Image, "disparity/sigma": Image}.items()}  # fmt: skip
+             {"disparity": DisparityImage, "disparity/status": Image, "disparity/sigma": Image,
+              "disparity/confidence": Image}.items()}  # fmt: skip
     rectifier = Rectifier(bench)
     rectifier.connect()
     rectifier.send(5 * SECOND)
@@ -84,7 +85,14 @@ def test_disparity_status_and_sigma(bench: Bench) -> None:
     np.testing.assert_array_equal(messages.float_image_from_message(message.image), expected.disparity)
     np.testing.assert_array_equal(array(heard["disparity/status"][0]), expected.status)
     np.testing.assert_array_equal(messages.float_image_from_message(heard["disparity/sigma"][0]), expected.sigma)
-    for each in (message, message.image, heard["disparity/status"][0], heard["disparity/sigma"][0]):
+    np.testing.assert_array_equal(
+        messages.float_image_from_message(heard["disparity/confidence"][0]), expected.confidence
+    )
+    for each in (
+        message,
+        message.image,
+        *(heard[f"disparity/{name}"][0] for name in ("status", "sigma", "confidence")),
+    ):
         assert (messages.stamp_ns(each), each.header.frame_id) == (5 * SECOND, FRAME)
     assert (message.f, message.t) == (pytest.approx(FOCAL), pytest.approx(BASELINE))
     assert (message.min_disparity, message.max_disparity) == (0.0, 24.0)

@@ -17,6 +17,7 @@ from uw_recon_ros.pipeline import Products, Stages
 from uw_recon_ros.reconstruct.stage import Reconstruct, ReconstructParams
 from uw_recon_ros.ros.messages import (
     cloud_message,
+    confidence_message,
     depth_messages,
     disparity_message,
     header,
@@ -57,8 +58,9 @@ def products(geometry: StereoGeometry, frame_id: str = "left_optical_frame", *, 
     holes = np.isnan(values)
     named = {"stamp_ns": STAMP, "frame_id": frame_id}
     disparity = DisparityMap(
-        values, np.where(holes, np.float32(np.nan), np.float32(0.2)), holes.astype(np.uint8), -13, 13, geometry, **named
-    )
+        values, np.where(holes, np.float32(np.nan), np.float32(0.2)), holes.astype(np.uint8), -13, 13, geometry,
+        confidence=np.where(holes, np.float32(np.nan), np.float32(0.9)), **named,
+    )  # fmt: skip
     stage = Reconstruct(ReconstructParams(speckle_area_px=0))
     quality = RectificationQuality("calibrated")
     rectified = RectifiedPair(*colors, *monos, geometry, quality, Window(2, 3, 50, 30), None, **named)
@@ -82,6 +84,7 @@ def of_the_nodes(p: Products) -> dict[str, Any]:
         "rectified/right/image_rect": image_message(p.rectified.right_matching, head),
         "disparity/status": status_message(p.disparity),
         "disparity/sigma": sigma_message(p.disparity),
+        "disparity/confidence": confidence_message(p.disparity),
         "disparity": disparity_message(p.disparity),
     }
     if p.depth.geometry.metric:

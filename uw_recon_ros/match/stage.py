@@ -15,12 +15,23 @@ from uw_recon_ros.findings import Code
 from uw_recon_ros.match.disparity_range import find_disparity_range
 from uw_recon_ros.match.kz2.matcher import kz2
 from uw_recon_ros.match.methods import EFFORTS, METHODS
+from uw_recon_ros.match.planes.confidence import confidence_of
 from uw_recon_ros.match.planes.matcher import graph_cut
 from uw_recon_ros.match.planes.motion import FrameBefore
+from uw_recon_ros.match.rows import mend_rows
 from uw_recon_ros.match.status import explain
 from uw_recon_ros.match.window import paste, window_to_match
 from uw_recon_ros.params import Params, param
-from uw_recon_ros.types import ByteImage, DisparityMap, FloatImage, Matches, MatchingPair, RectifiedPair, Status
+from uw_recon_ros.types import (
+    ByteImage,
+    DisparityMap,
+    FloatImage,
+    Matches,
+    MatchingPair,
+    RectifiedPair,
+    RowOffset,
+    Status,
+)
 from uw_recon_ros.unseen import continued, unseen
 
 #: Standard deviation of a whole-pixel graph cut's disparity, px: rounding (0.29) and the stairs it makes of slanted
@@ -68,6 +79,10 @@ class MatchParams(Params):
         "Nodes start graph_cut from the last frame's surfaces, moved along: a fourth less time, about as accurate; but "
         "what a frame gives then depends on those before it.",
     )
+    mend_rows: bool = param(
+        True,
+        "Rows of the right view that lie too high or low, as the pair itself shows, are mended for graph_cut.",
+    )
     match_threads: int = param(
         0, "Threads that share the work; 0: one a processor. The result does not depend on it.", low=0, high=64
     )
@@ -86,6 +101,7 @@ class _Solution:
 
     disparity: FloatImage
     sigma: FloatImage
+    confidence: FloatImage
     reason: ByteImage
     energy: float
     frame: FrameBefore | None = None
@@ -146,6 +162,8 @@ class Match:
         disparity = DisparityMap(
             disparity=found.disparity,
             sigma=found.sigma,
+            confidence=found.confidence,
+            rows=found.rows,
             status=found.status,
             min_disparity=found.min_disparity,
             max_disparity=found.max_disparity,
@@ -164,18 +182,33 @@ class Match:
         shape = pair.left.shape[:2]
         left, right = (_along_rows(image[window.slices], vertical) for image in _scenes(pair))
         low, high = self._limits(left, right)
+        right, rows = self._mended(left, right, low, high)
         result = self._solve(left, right, low, high, before)
         nan = np.float32(np.nan)
-        disparity, sigma = (
-            paste(_as_seen(found, vertical), window, shape, nan) for found in (result.disparity, result.sigma)
+        disparity, *trust = (
+            paste(_as_seen(found, vertical), window, shape, nan)
+            for found in (result.disparity, result.sigma, result.confidence)
         )
         reason = paste(_as_seen(result.reason, vertical), window, shape, np.uint8(0))
         status = explain(disparity, low, high, pair)
         known = (status == Status.OCCLUDED) & (reason != 0)
         status[known] = reason[known]
         valid = status == 0
-        values = np.where(valid, disparity, nan), np.where(valid, sigma, nan)
-        return Matches(*values, status, low, high, self.params.method, result.energy), result.frame
+        disparity, sigma, confidence = (np.where(valid, values, nan) for values in (disparity, *trust))
+        method, energy = self.params.method, result.energy
+        return Matches(
+            disparity, sigma, status, low, high, method, energy, confidence=confidence, rows=rows
+        ), result.frame
+
+    def _mended(self, left: ByteImage, right: ByteImage, low: int, high: int) -> tuple[ByteImage, RowOffset]:
+        """The right view with its rows as those of the left; kz2 takes images as they are."""
+        if not self.params.mend_rows or self.params.method == "kz2":
+            return right, RowOffset()
+        return mend_rows(left, right, low, high, self._threads)
+
+    @property
+    def _threads(self) -> int:
+        return self.params.match_threads or _processors()
 
     def warm_up(self) -> None:
         """Have everything compiled that a call needs: a moment from the cache, half a minute the first time ever."""
@@ -191,14 +224,15 @@ class Match:
     def _solve(
         self, left: ByteImage, right: ByteImage, low: int, high: int, before: FrameBefore | None = None
     ) -> _Solution:
-        threads = self.params.match_threads or _processors()
+        threads = self._threads
         if self.params.method == "kz2":
             return self._kz2(left, right, low, high, threads)
         if before is not None and before.gray.shape != left.shape[:2]:
             before = None
         seed, effort = self.params.match_seed, self.params.effort
         result = graph_cut(left, right, low, high, effort=effort, seed=seed, threads=threads, before=before)
-        return _Solution(result.disparity, result.sigma, result.status, result.energy, result.frame)
+        trust = result.sigma, result.confidence
+        return _Solution(result.disparity, *trust, result.status, result.energy, result.frame)
 
     def _kz2(self, left: ByteImage, right: ByteImage, low: int, high: int, threads: int) -> _Solution:
         params = self.params
@@ -214,7 +248,9 @@ class Match:
             threads=threads,
         )
         sigma = np.full(result.disparity.shape, WHOLE_PIXEL_SIGMA, np.float32)
-        return _Solution(result.disparity, sigma, np.zeros(sigma.shape, np.uint8), float(result.energy))
+        disparity, known = result.disparity, np.isfinite(result.disparity)
+        confidence = confidence_of(disparity, sigma, disparity, known, "navigation")
+        return _Solution(disparity, sigma, confidence, np.zeros(sigma.shape, np.uint8), float(result.energy))
 
 
 def _scenes(pair: MatchingPair) -> list[ByteImage]:

@@ -1,4 +1,4 @@
-"""`DisparityMap` <-> ``stereo_msgs/DisparityImage`` and its companions ``disparity/status`` and ``disparity/sigma``.
+"""`DisparityMap` <-> ``stereo_msgs/DisparityImage`` and its companions: status, sigma and confidence.
 
 On the wire as inside, ``d = u_left - u_right``, and ``Z = f B / (d + cx_right - cx_left)`` with the principal points of
 the rectified CameraInfo. Where these are equal, as in calibrated rigs most often, this is the message's own ``Z = f T /
@@ -54,6 +54,13 @@ def status_message(make: MessageFactory, disparity: DisparityMap) -> Any:
 def sigma_message(make: MessageFactory, disparity: DisparityMap) -> Any:
     """Make the ``disparity/sigma`` message: px as ``32FC1``."""
     return image_message(make, disparity.sigma, _head(make, disparity))
+
+
+def confidence_message(make: MessageFactory, disparity: DisparityMap) -> Any:
+    """Make the ``disparity/confidence`` message: 0 to 1 as ``32FC1``; NaN everywhere where it is not known."""
+    known = disparity.confidence
+    values = np.full_like(disparity.disparity, np.nan) if known is None else known
+    return image_message(make, values, _head(make, disparity))
 
 
 def _head(make: MessageFactory, disparity: DisparityMap) -> Any:

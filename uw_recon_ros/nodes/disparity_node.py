@@ -7,6 +7,7 @@
 | `disparity` | stereo_msgs/DisparityImage | out: NaN = invalid; see `uw_recon_ros.messages.disparities` |
 | `disparity/status` | Image mono8 | out: `Status` bits, why a pixel is invalid |
 | `disparity/sigma` | Image 32FC1 | out: standard deviation, px |
+| `disparity/confidence` | Image 32FC1 | out: probability of being less than a pixel off |
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from uw_recon_ros.node_params import DisparityMessageParams, RateParams
 from uw_recon_ros.ros.declarations import Input, input_topic, outputs_of
 from uw_recon_ros.ros.diagnostics import Diagnostics
 from uw_recon_ros.ros.message_groups import Group
-from uw_recon_ros.ros.messages import disparity_message, sigma_message, status_message
+from uw_recon_ros.ros.messages import confidence_message, disparity_message, sigma_message, status_message
 from uw_recon_ros.ros.node import StageNode
 from uw_recon_ros.ros.node_matcher import NodeMatcher
 from uw_recon_ros.ros.outputs import Outputs
@@ -44,6 +45,7 @@ def report_disparity(diagnostics: Diagnostics, disparity: DisparityMap) -> None:
         method=disparity.method,
         density=f"{disparity.density:.3f}",
         disparities=f"{disparity.min_disparity} to {disparity.max_disparity} px",
+        residual_row_offset=f"{disparity.rows}",
         scale="metric" if disparity.geometry.metric else "unknown",
     )
 
@@ -52,6 +54,7 @@ def publish_disparity(outputs: Outputs, disparity: DisparityMap, params: Dispari
     """Publish what the matching stage made."""
     outputs.send("disparity/status", lambda: status_message(disparity))
     outputs.send("disparity/sigma", lambda: sigma_message(disparity))
+    outputs.send("disparity/confidence", lambda: confidence_message(disparity))
     outputs.send("disparity", lambda: disparity_message(disparity, adjusted=params.disparity_adjusted))
 
 

@@ -112,6 +112,7 @@ def matching_rows(disparity: DisparityMap, depth: DepthMap) -> Rows:
         ("Method", disparity.method),
         ("Disparities searched", f"{disparity.min_disparity} to {disparity.max_disparity} px"),
         ("Pixels with a disparity", percent(disparity.density)),
+        ("Residual row offset", str(disparity.rows) if disparity.rows.points else ""),
         ("Pixels with a depth", percent(float(np.isfinite(depth.depth).mean()))),
         ("Energy", "" if np.isnan(disparity.energy) else f"{disparity.energy:.6g}"),
     ]

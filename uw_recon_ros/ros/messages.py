@@ -11,8 +11,8 @@ from uw_recon_ros.messages.images import float_image_from_message, image_from_me
 from uw_recon_ros.ros.message_types import MAKE
 
 __all__ = [
-    "camera_info_message", "cloud_message", "depth_messages", "disparity_from_message", "disparity_message",
-    "float_image_from_message", "header", "image_from_message", "image_message", "range_message",
+    "camera_info_message", "cloud_message", "confidence_message", "depth_messages", "disparity_from_message",
+    "disparity_message", "float_image_from_message", "header", "image_from_message", "image_message", "range_message",
     "raw_image_message", "received_stamp_ns", "rectified_infos", "scan_message",
     "sigma_message", "stamp_ns", "status_message",
     "surface_message", "time_message",
@@ -27,6 +27,7 @@ rectified_infos = partial(cameras.rectified_infos, MAKE)
 disparity_message = partial(disparities.disparity_message, MAKE)
 status_message = partial(disparities.status_message, MAKE)
 sigma_message = partial(disparities.sigma_message, MAKE)
+confidence_message = partial(disparities.confidence_message, MAKE)
 depth_messages = partial(clouds.depth_messages, MAKE)
 cloud_message = partial(clouds.cloud_message, MAKE)
 surface_message = partial(clouds.surface_message, MAKE)

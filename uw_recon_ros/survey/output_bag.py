@@ -14,7 +14,7 @@ from uw_recon_ros.bags.messages import MAKE, encode, encode_surface
 from uw_recon_ros.files.atomic import write_json
 from uw_recon_ros.messages.cameras import rectified_infos
 from uw_recon_ros.messages.clouds import cloud_message, depth_messages
-from uw_recon_ros.messages.disparities import disparity_message, sigma_message, status_message
+from uw_recon_ros.messages.disparities import confidence_message, disparity_message, sigma_message, status_message
 from uw_recon_ros.messages.headers import header
 from uw_recon_ros.messages.images import image_message
 from uw_recon_ros.pipeline import Products
@@ -70,6 +70,7 @@ def _makers(products: Products) -> dict[str, Make]:
         "rectified/right/image_rect": image(rectified.right_matching),
         "disparity/status": made(status_message, disparity),
         "disparity/sigma": made(sigma_message, disparity),
+        "disparity/confidence": made(confidence_message, disparity),
         "disparity": made(disparity_message, disparity),
     }
     if depth.geometry.metric:

@@ -127,6 +127,7 @@ def describe(products: FrameProducts) -> dict[str, Any]:
         "density": disparity.density,
         "row_error_median_px": finite(products.rows.median_px),
         "row_error_p95_px": finite(products.rows.p95_px),
+        "residual_row_px": finite(disparity.rows.median_px),
         **{f"depth_p{q:02d}": finite(value) for q, value in zip(QUANTILES, quantiles, strict=True)},
         "depth_density": float(valid.size / depth.depth.size),
         "scale": "metric" if depth.geometry.metric else "unknown",

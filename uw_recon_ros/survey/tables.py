@@ -22,7 +22,7 @@ from uw_recon_ros.survey.store import UNRELIABLE, Row, succeeded
 
 COLUMNS = (
     "frame", "source", "stamp_ns", "status", "reason", "density", "row_error_median_px", "row_error_p95_px",
-    *(f"depth_p{q:02d}" for q in QUANTILES), "depth_density", "scale", "points", "triangles",
+    "residual_row_px", *(f"depth_p{q:02d}" for q in QUANTILES), "depth_density", "scale", "points", "triangles",
     "min_disparity", "max_disparity", "method", "energy", "rectification", "warnings", "seconds",
 )  # fmt: skip
 STAGE_COLUMNS = ("read", "preprocess", "rectify", "match", "depth", "cloud", "surface", "write")

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from uw_recon_ros.match.methods import EFFORTS
 from uw_recon_ros.match.planes.census import CLOSE, WIDE
 from uw_recon_ros.match.planes.certainty import plain_gray, sigma_of
+from uw_recon_ros.match.planes.confidence import DOUBTFUL, DOUBTFUL_SIGMA, confidence_of
 from uw_recon_ros.match.planes.cost_truncation import typical_costs
 from uw_recon_ros.match.planes.cross_support import edge_weights, inverse_size, measure_arms
 from uw_recon_ros.match.planes.data_cost import (
@@ -93,6 +94,8 @@ class GraphCutResult:
         Left view, px; NaN = no match.
     sigma : (H, W) float32
         px; NaN where `disparity` is.
+    confidence : (H, W) float32
+        See `confidence.confidence_of`; NaN where `disparity` is.
     status : (H, W) uint8
         `Status` bits.
     energy : float
@@ -103,6 +106,7 @@ class GraphCutResult:
 
     disparity: FloatImage
     sigma: FloatImage
+    confidence: FloatImage
     status: ByteImage
     energy: float
     frame: FrameBefore | None = None
@@ -147,10 +151,10 @@ def graph_cut(
     shown = images[0].pixels, images[1].pixels
     blank = untextured_mask(*shown) | open_water(*shown, start, status == 0)
     schedule = SCHEDULES[effort]
+    usable, gray = status == 0, images[0].as_bytes()
     if not schedule.passes:
         _leave_out(blank, status)
-        return _result(start, images, status, float("nan"), effort, threads)
-    usable, gray = status == 0, images[0].as_bytes()
+        return _result(start, (start, usable), images, status, float("nan"), effort, threads)
     moved = None if before is None else move_planes(before, gray, start, usable)
     state = _planes(*images, start, usable, blank, moved, limits, schedule, seed, threads)
     disparity = np.clip(disparity_of(state.planes), *limits)
@@ -159,7 +163,8 @@ def graph_cut(
     )
     _leave_out(blank, status)
     remove_small_segments(disparity, status)
-    result = _result(disparity, images, status, sum(energy(state)) / schedule.units, effort, threads)
+    value = sum(energy(state)) / schedule.units
+    result = _result(disparity, (start, usable), images, status, value, effort, threads)
     return replace(result, frame=FrameBefore(gray, state.planes))
 
 
@@ -314,6 +319,7 @@ def _between_pixels(gray: Gray, threads: int) -> NDArray[np.int16]:
 
 def _result(
     disparity: FloatImage,
+    start: tuple[FloatImage, Mask],
     images: tuple[_Image, _Image],
     status: ByteImage,
     value: float,
@@ -323,5 +329,8 @@ def _result(
     valid = status == 0
     nan = np.float32(np.nan)
     left, right = (plain_gray(image.pixels, image.noise) for image in images)
-    sigma = sigma_of(left, right, disparity, status, effort, threads)
-    return GraphCutResult(np.where(valid, disparity, nan), np.where(valid, sigma, nan), status, value)
+    sigma = np.where(valid, sigma_of(left, right, disparity, status, effort, threads), nan)
+    disparity = np.where(valid, disparity, nan)
+    confidence = confidence_of(disparity, sigma, *start, effort)
+    sigma = np.where(confidence < DOUBTFUL, np.maximum(sigma, np.float32(DOUBTFUL_SIGMA)), sigma)
+    return GraphCutResult(disparity, sigma, confidence, status, value)
