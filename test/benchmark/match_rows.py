@@ -78,7 +78,8 @@ def main() -> int:
         for field in FIELDS:
             bad, offset = np.array([method(truth, lowered(truth.right, field)) for truth in everything]).T
             clean = bad if field == "0" else clean
-            cells.append(f"{bad.mean():.1f} ({np.median(offset):.2f} px; {(bad / clean).max():.2f})")
+            told = "" if np.isnan(offset).all() else f"{np.nanmedian(offset):.2f} px; "
+            cells.append(f"{bad.mean():.1f} ({told}{(bad / clean).max():.2f})")
         sys.stdout.write(f"| {name} | {' | '.join(cells)} |\n")
         sys.stdout.flush()
     return 0
