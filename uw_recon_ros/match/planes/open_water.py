@@ -22,6 +22,7 @@ from uw_recon_ros.match.planes.texture import WINDOW, derivative, grown_from, lo
 from uw_recon_ros.types import ByteImage, FloatImage, Mask
 
 FAINT = 10.0, 20.0  #: times the unexplained, and somewhere in a patch; more is texture
+MOST = 20.0  #: times the white noise; where more is unexplained, the start is wrong, as on a steep slope
 LEAST = 0.2  #: the unexplained is taken from this part of the image
 OF_ONE_PIECE = 0.6, 0.85  #: share of the surroundings: where the noise is white, and where it is smooth ...
 SMOOTH = 2.0, 5.0  #: ... by how many times more is unexplained than white noise would leave
@@ -72,4 +73,5 @@ def _texture_and_noise(left: FloatImage, right: FloatImage, start: FloatImage) -
     variance = local_variance(mine)
     unexplained = local_variance(np.asarray(mine - theirs, np.float32)) / 2
     least = variance <= np.quantile(variance, LEAST)
-    return variance, max(float(np.median(unexplained[least])), noise_floor(left, right))
+    floor = noise_floor(left, right)
+    return variance, min(max(float(np.median(unexplained[least])), floor), MOST * floor)
