@@ -88,9 +88,7 @@ def match_keypoints(
         return np.zeros((0, 2), np.int64)
     alike = first.descriptors @ second.descriptors.T
     if near is not None:
-        expected, radius = near
-        apart = np.abs(expected[:, None, :] - second.measured[None, :, :2]).max(axis=2)
-        alike = np.where(apart < radius, alike, np.float32(-1))
+        alike = np.where(_near(near[0], second, near[1]), alike, np.float32(-1))
     best = alike.argmax(axis=1)
     rows = np.arange(len(first))
     top = alike[rows, best]
@@ -100,6 +98,18 @@ def match_keypoints(
     clear = 2 - 2 * top < ratio**2 * (2 - 2 * runner_up)
     kept = np.flatnonzero(mutual & clear)
     return np.stack([kept, best[kept]], axis=1)
+
+
+def _near(expected: Matrix, second: Keypoints, radius: float) -> NDArray[np.bool_]:
+    """(M, N) which key points lie in a square about each expected place.
+
+    Columns and rows on their own: the largest along an axis of two took a quarter of the whole way's time.
+    """
+    columns, rows = (
+        np.abs(expected[:, k, None].astype(np.float32) - second.measured[:, k].astype(np.float32)) < radius
+        for k in (0, 1)
+    )
+    return np.asarray(columns & rows, np.bool_)
 
 
 def matches_of(first: Keypoints, second: Keypoints, pairs: Pairs) -> Matches:
@@ -292,8 +302,7 @@ def rival(
     there = rigid.inverse(found.motion)
     expected = projected(points_of(first.measured, geometry) @ there[:3, :3].T + there[:3, 3], geometry, RigError())
     alike = first.descriptors @ second.descriptors.T
-    apart = np.abs(np.nan_to_num(expected[:, None, :2], nan=-1e6) - second.measured[None, :, :2]).max(axis=2)
-    alike[apart < _APART_PX] = -1
+    alike[_near(np.nan_to_num(expected[:, :2], nan=-1e6), second, _APART_PX)] = -1
     best = alike.argmax(axis=1)
     rows = np.arange(len(first))
     good = np.flatnonzero((alike[rows, best] > _RIVAL_SIMILARITY) & (alike.argmax(axis=0)[best] == rows))
