@@ -19,6 +19,7 @@ from uw_recon_ros.calibration.rectified import named_rectified
 from uw_recon_ros.errors import BagError, ImageError
 from uw_recon_ros.findings import Code
 from uw_recon_ros.messages.headers import header
+from uw_recon_ros.recordings.options import Options
 from uw_recon_ros.recordings.recording import Recording
 
 MS = 1_000_000
@@ -199,3 +200,31 @@ def _raw(topic: str, message: SimpleNamespace) -> object:
 
     kind, data = messages.encode(message)
     return RawMessage(topic, kind, messages.stamp_ns(message), data)
+
+
+def stamped(path: Path, ahead_ns: int, stamps: bool = True) -> Path:
+    with BagWriter(path) as bag:
+        for n, pair in enumerate(SCENES[:5]):
+            for side, image in zip(("left", "right"), pair, strict=True):
+                log = 10**9 + n * 100 * MS + (ahead_ns if side == "right" else 0)
+                made = messages.image_message(image, time_ns=log if stamps else 0, frame_id="cam")
+                bag.message(f"/{side}/image_raw", made, log_time_ns=log if stamps else 10**9 + n * 100 * MS)
+    return path
+
+
+def test_a_constant_offset_of_stamps_is_told_and_mended(tmp_path: Path) -> None:
+    path = stamped(tmp_path / "bag", 37 * MS)
+    assert any("--clock-offset" in reason for reason in bag_info(path).reasons)
+    with pytest.raises(BagError):
+        Recording(path)
+    with Recording(path, Options(clock_offset="0.037")) as recording:
+        assert len(recording) == 5
+        assert np.array_equal(recording[4].right, SCENES[4][1])
+
+
+def test_images_without_stamps_are_paired_by_log_time(tmp_path: Path) -> None:
+    with Recording(stamped(tmp_path / "bag", 0, stamps=False)) as recording:
+        assert [frame.stamp_ns for frame in recording.listing.frames] == [10**9 + n * 100 * MS for n in range(5)]
+        assert recording[3].stamp_ns == 10**9 + 300 * MS
+        assert np.array_equal(recording[3].right, SCENES[3][1])
+        assert any("without a stamp" in note for note in recording.listing.notes)

@@ -90,7 +90,10 @@ def _reasons(info: BagInfo, calibration_problem: str) -> Iterator[str]:
         yield f"the cameras differ in depth: left {left.kind}, right {right.kind}"
     if not info.pairs:
         off = f"the nearest differ by {1e3 * info.stamp_offset_s:.1f} ms (median)"
-        yield f"no left and right image have one stamp: {off}; allow a tolerance if they belong together"
+        yield (
+            f"no left and right image have one stamp: {off}: where a jitter is all, --pair-tolerance-ms; where the "
+            "clocks differ by a constant, survey --clock-offset SECONDS (no tolerance mends that)"
+        )
     if info.calibration == "inconsistent":
         yield f"the calibration contradicts itself or the images: {calibration_problem}"
 

@@ -117,7 +117,7 @@ def _list_source(source: Source, index: int, options: Options, rigs: Rigs, notes
         return [replace(frame, source=index, rig=rig) for frame in frames]
     with open_bag(Path(source.path)) as bag:
         topics = bag.stereo_topics(options.left_topic or None, options.right_topic or None)
-        walk = Walk(bag, topics, index, round(options.pair_tolerance_ms * 1e6), rigs)
+        walk = Walk(bag, topics, index, round(options.pair_tolerance_ms * 1e6), rigs, options.offset_ns or 0)
         frames = list(walk)
         notes += [f"{source.name}: {sentence}" for sentence in [*bag.damage, *walk.notes()]]
     if not frames:

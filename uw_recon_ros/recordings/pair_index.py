@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -131,9 +132,14 @@ class Walk:
         Largest difference of stamps within a pair, ns.
     rigs : Rigs
         Learns the calibrations.
+    offset_ns : int
+        What the right camera's stamps are ahead of the left one's.
     """
 
-    def __init__(self, bag: BagReader, topics: StereoTopics, source: int, tolerance_ns: int, rigs: Rigs) -> None:
+    def __init__(
+        self, bag: BagReader, topics: StereoTopics, source: int, tolerance_ns: int, rigs: Rigs, offset_ns: int = 0
+    ) -> None:
+        self._offset_ns, self._stampless, self._by_log = offset_ns, 0, False
         self._bag, self._topics, self._source, self._rigs = bag, topics, source, rigs
         self._rectified = topics.rectified(rigs.images_rectified)
         self._cameras = {topics.left: 0, topics.right: 1}
@@ -147,11 +153,17 @@ class Walk:
     def __iter__(self) -> Iterator[Frame]:
         names = [n for n in (self._topics.left, self._topics.right, *self._infos) if n]
         self._learn_first_infos()
+        self._by_log = not any(map(any, map(self._first_stamps, (self._topics.left, self._topics.right))))
         for message in self._bag.raw_messages(names):
             if message.topic in self._infos:
                 self._learn(message)
             else:
                 yield from self._push(message)
+
+    def _first_stamps(self, topic: str) -> list[int]:
+        """Of a few messages: a driver that sends none sends zeros."""
+        first = itertools.islice(self._bag.raw_messages([topic]), 3)
+        return [sum(_STAMP.unpack_from(message.data)) for message in first if len(message.data) >= _STAMP.size]
 
     def _learn_first_infos(self) -> None:
         """What the first CameraInfo says holds from the first image on: it is recorded after it, most often."""
@@ -174,6 +186,10 @@ class Walk:
         big = message.data[1] == 0
         seconds, rest = (_BIG_STAMP if big else _STAMP).unpack_from(message.data)
         stamp = seconds * 1_000_000_000 + rest
+        if self._by_log:
+            stamp = message.log_ns
+            self._stampless += 1
+        stamp -= self._offset_ns * side
         self._counts[side] += 1
         self._lasts[side] = stamp
         for left, right in self._synchronizer.push(side, stamp, (stamp, self._place(message))):
@@ -210,6 +226,8 @@ class Walk:
         notes = [f"camera_info not used: {problem}" for problem in problems]
         if any(self._rectified):
             notes.append("images already rectified: described by P alone (images_rectified: no, where they are not)")
+        if self._stampless:
+            notes.append(f"{self._stampless} images without a stamp: paired by the time they were recorded")
         if self._shapeless:
             notes.append(f"{self._shapeless} image messages too short to have a stamp")
         for side, count in zip(("left", "right"), self._counts, strict=True):

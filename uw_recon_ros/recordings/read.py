@@ -56,7 +56,7 @@ class Reader:
         with self._lock:
             left, right = (messages.decode(raw) for raw in self._messages(source, frame))
             if video_codec(left) is None and video_codec(right) is None:
-                return make_pair(left, right, calibration)
+                return replace(make_pair(left, right, calibration), stamp_ns=frame.stamp_ns)
             images = self._shown(source, frame.left, left, "left"), self._shown(source, frame.right, right, "right")
         return _paired(frame, images, calibration)
 
