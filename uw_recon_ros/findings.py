@@ -82,6 +82,7 @@ class Code(str, Enum):
     RECTIFY_NO_BASELINE = "rectify.no_baseline"
     RECTIFY_NO_PARALLAX = "rectify.no_parallax"
     RECTIFY_NOT_CHECKED = "rectify.not_checked"
+    RECTIFY_ORDER_UNKNOWN = "rectify.order_unknown"
     RECTIFY_PROJECTIVE = "rectify.projective"
     RECTIFY_ROWS_DISAGREE = "rectify.rows_disagree"
     RECTIFY_SCALE_WITHHELD = "rectify.scale_withheld"

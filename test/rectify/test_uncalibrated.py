@@ -251,3 +251,21 @@ def test_deterministic():
     assert first.geometry == second.geometry
     assert first.quality == second.quality
     np.testing.assert_array_equal(first.left_map, second.left_map)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_over_a_flat_floor_no_order_is_wrongly_refused_nor_taken_in_silence(seed):
+    """Cameras toed in, all at one distance: which is the left one is refused rightly, or said not to be known."""
+    rig = make_rig(angles_deg=(0.0, 4.0, 0.0))
+    flat = tie_points_of(rig, scatter(rig, 200, 0.6, 0.605, seed), 0.5, seed)
+    found = estimate(flat)
+    assert found.geometry.baseline_sign == 1
+    assert said_of(exchanged(flat)) & {Code.RECTIFY_EXCHANGED, Code.RECTIFY_ORDER_UNKNOWN}
+
+
+def said_of(points):
+    """Codes of an estimate's warnings, or of its refusal."""
+    try:
+        return {warning.code for warning in estimate(points).quality.warnings}
+    except EstimationError as error:
+        return {error.code}

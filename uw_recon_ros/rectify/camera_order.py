@@ -9,7 +9,7 @@ import numpy as np
 from uw_recon_ros.errors import EstimationError
 from uw_recon_ros.findings import Code, Finding
 from uw_recon_ros.rectify.model_selection import Candidate
-from uw_recon_ros.rectify.plane_at_infinity import baseline_side, infinity_shift
+from uw_recon_ros.rectify.plane_at_infinity import baseline_side, infinity_shift, vote
 from uw_recon_ros.rectify.quality import forward_motion
 from uw_recon_ros.rectify.rectification import Rectification
 from uw_recon_ros.types import Matrix
@@ -38,7 +38,33 @@ def _check_parallax(parallax: Matrix) -> None:
         )
 
 
-def sided(rectification: Rectification, candidate: Candidate) -> tuple[Rectification, tuple[Finding, ...]]:
+def _order_unknown(parallax: Matrix, raw: Matrix) -> Finding:
+    text = (
+        "which camera is the left one cannot be told from these images (disparities: median "
+        f"{np.median(parallax):.0f} px rectified, {np.median(raw):.0f} px raw): taken as they were given"
+    )
+    advice = "if near things come out far, exchange the images; depth relief, more frames or a calibration would tell"
+    return Finding(Code.RECTIFY_ORDER_UNKNOWN, text, advice=advice)
+
+
+def _side(parallax: Matrix, raw: Matrix, candidate: Candidate, infinity_px: float) -> tuple[int, tuple[Finding, ...]]:
+    """Of the second camera, and what is to be told of it; refused where the images are surely exchanged.
+
+    A horizontal rig is taken as it was given where rectified and raw images contradict each other.
+    """
+    side = baseline_side(parallax, candidate.fit.infinity_sigma_px, infinity_px)
+    if candidate.axis == "vertical":
+        return side or vote(raw) or 1, ()
+    side = 0 if vote(raw) == -side else side
+    if side < 0:
+        moving = forward_motion(candidate.everything)  # both signs of parallax lie in such a pair
+        raise EstimationError(moving[0].text, moving[0].code) if moving else _exchanged(parallax, raw)
+    return 1, () if side else (_order_unknown(parallax, raw),)
+
+
+def sided(
+    rectification: Rectification, candidate: Candidate, infinity_px: float
+) -> tuple[Rectification, tuple[Finding, ...]]:
     """Settle on which side the second camera stands and where infinity lies; see `infinity`.
 
     Parameters
@@ -47,6 +73,8 @@ def sided(rectification: Rectification, candidate: Candidate) -> tuple[Rectifica
         In the frame where the axis is horizontal.
     candidate : Candidate
         Its tie points.
+    infinity_px : float
+        Standard deviation of infinity, a lens that nobody described included, px.
 
     Returns
     -------
@@ -63,10 +91,7 @@ def sided(rectification: Rectification, candidate: Candidate) -> tuple[Rectifica
     points, geometry = candidate.everything, rectification.geometry
     parallax, raw = rectification.parallax(points), points.left[:, 0] - points.right[:, 0]
     _check_parallax(parallax)
-    side = baseline_side(parallax, raw, candidate.fit.infinity_sigma_px, candidate.axis)
-    if side < 0 and candidate.axis == "horizontal":
-        moving = forward_motion(points)  # both signs of parallax lie in such a pair
-        raise EstimationError(moving[0].text, moving[0].code) if moving else _exchanged(parallax, raw)
+    side, order = _side(parallax, raw, candidate, infinity_px)
     baseline = None if geometry.baseline_m is None else side * geometry.baseline_m
     shift = infinity_shift(side * parallax)
     geometry = replace(geometry, baseline_sign=side, baseline_m=baseline, cx_right=geometry.cx_right + side * shift)
@@ -74,4 +99,4 @@ def sided(rectification: Rectification, candidate: Candidate) -> tuple[Rectifica
     if geometry.metric:
         moved += ": metres are not to be trusted"
     warnings = (Finding(Code.RECTIFY_INFINITY_MOVED, moved),) if shift > 0 else ()
-    return replace(rectification, geometry=geometry), warnings
+    return replace(rectification, geometry=geometry), order + warnings

@@ -12,45 +12,42 @@ from __future__ import annotations
 
 import numpy as np
 
-from uw_recon_ros.types import Axis, Matrix
+from uw_recon_ros.types import Matrix
 
 DEPTH_RATIO = 25.0
 _NEARLY_ALL = 0.95
 _TAIL = 0.02
-_SURE = 5.0  # standard deviations
+_SURE = 5.0  # standard deviations of the fit
+_SURE_OF_LENS = 2.0  # and of a lens that nobody described
 
 
-def _vote(parallax: Matrix) -> int:
+def vote(parallax: Matrix) -> int:
     """Sign of nearly all values; 0 where they are of both."""
     negative = float((parallax < 0).mean())
     return -1 if negative >= _NEARLY_ALL else int(negative <= 1 - _NEARLY_ALL)
 
 
-def baseline_side(parallax: Matrix, raw_parallax: Matrix, sigma_px: float, axis: Axis) -> int:
-    """Side of the second camera: the sign of ``f B / Z``.
+def baseline_side(parallax: Matrix, sigma_px: float, lens_px: float = 0.0) -> int:
+    """Side of the second camera, the sign of ``f B / Z``; 0 where it cannot be told.
+
+    Over a flat floor the angle between the cameras, and so the sign, is nearly free: nothing is said unless the
+    rectified views are sure of it, whatever the lens.
 
     Parameters
     ----------
     parallax : (N,) float64
         Disparity plus offset after rectification, px.
-    raw_parallax : (N,) float64
-        The same difference of coordinates in the raw images, px: right for cameras that are nearly parallel.
     sigma_px : float
-        Standard deviation of infinity in `parallax`, px.
-    axis : {'horizontal', 'vertical'}
-        Where both contradict each other and the rectified views are not sure, a horizontal rig is taken to be the right
-        way round, a vertical one as the raw images say.
+        Standard deviation of infinity in `parallax`, by the fit, px.
+    lens_px : float
+        The same, a lens that nobody described included, px.
 
     Returns
     -------
-    {1, -1}
+    {1, 0, -1}
     """
-    rectified, raw = _vote(parallax), _vote(raw_parallax)
-    if rectified + raw != 0:
-        return -1 if rectified + raw < 0 else 1
-    if rectified != 0 and abs(float(np.median(parallax))) > _SURE * sigma_px:
-        return rectified
-    return raw if axis == "vertical" and raw != 0 else 1
+    size = abs(float(np.median(parallax)))
+    return vote(parallax) if size > max(_SURE * sigma_px, _SURE_OF_LENS * lens_px) else 0
 
 
 def infinity_shift(parallax: Matrix) -> float:

@@ -117,18 +117,19 @@ def _warped(candidate: Candidate, views: Views, params: RectifyParams) -> Rectif
     )  # fmt: skip
 
 
-def _shape_sigma(rectification: Rectification, candidate: Candidate, params: RectifyParams) -> float:
+def _shape_sigma(rectification: Rectification, candidate: Candidate, uncertain: tuple[float, float]) -> float:
     """Percent, of relative depths."""
     geometry = rectification.geometry
     moved = abs(geometry.offset_px - (rectification.right.k_new[0, 2] - rectification.left.k_new[0, 2]))
-    infinity, focal = with_lens(candidate.fit, candidate.fitted, params)
+    infinity, focal = uncertain
     parallax = geometry.baseline_sign * rectification.parallax(candidate.everything)
     return shape_sigma(parallax, float(np.hypot(infinity, moved)), focal)
 
 
 def _judged(
-    rectification: Rectification, candidate: Candidate, warnings: tuple[Finding, ...], params: RectifyParams
-) -> Rectification:
+    rectification: Rectification, candidate: Candidate, warnings: tuple[Finding, ...], uncertain: tuple[float, float],
+    params: RectifyParams,
+) -> Rectification:  # fmt: skip
     """Row error on the held-out tie points, and what to beware of."""
     median, p95 = row_statistics(rectification.row_errors(candidate.held_out))
     sigma = rectification.infinity_sigma_px
@@ -136,7 +137,7 @@ def _judged(
         text = f"metres are vague: points at infinity may have a disparity of +-{sigma:.1f} px"
         warnings += (Finding(Code.RECTIFY_INFINITY_VAGUE, text),)
     flat = flatness_warnings(candidate.everything, params)
-    shape = _shape_sigma(rectification, candidate, params)
+    shape = _shape_sigma(rectification, candidate, uncertain)
     quality = replace(
         rectification.quality,
         row_error_median_px=median,
@@ -196,5 +197,6 @@ def estimate_rectification(tie_points: TiePoints, params: RectifyParams) -> Rect
         rectification = _as_given(candidate, params)
     else:
         rectification = _warped(candidate, _sound_views(candidate, params), params)
-    rectification, warnings = sided(rectification, candidate)
-    return _upright(_judged(rectification, candidate, warnings, params), candidate.axis)
+    uncertain = with_lens(candidate.fit, candidate.fitted, params)
+    rectification, warnings = sided(rectification, candidate, uncertain[0])
+    return _upright(_judged(rectification, candidate, warnings, uncertain, params), candidate.axis)
