@@ -21,7 +21,7 @@ ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "uw_recon_ros"
 NOUNS = {"", "types", "params", "errors", "images", "calibration", "pairing", "jit", "progress"}
 NOUNS |= {"files", "lazy", "stopwatch", "bounds", "image_pair", "system_errors"}
-NOUNS |= {"evaluate", "signals", "findings", "topics", "trajectory", "rigid", "unseen", "sides"}
+NOUNS |= {"evaluate", "signals", "findings", "topics", "trajectory", "rigid", "unseen", "sides", "boards"}
 NOUNS |= {"evaluate_trajectory", "evaluate_surface"}
 STAGE_ROOMS = {"preprocess", "rectify", "match", "reconstruct"}
 NODE_PARAMS = {"node_params", "catalogue"}
@@ -47,6 +47,10 @@ MAY_IMPORT = {
     "drape": NOUNS | {"fuse", "drape"},
     "georeference": NOUNS | {"georeference"},
     "report": NOUNS | {"report"},
+    "calibrate": NOUNS | {"rectify", "calibrate"},
+    "measure": NOUNS | {"measure"},
+    "measure_files": NOUNS | {"measure", "survey"},
+    "calibrate_files": NOUNS | {"calibrate", "recordings", "bags", "report"},
     "pair": OFFLINE | {"given_pair", "recordings", "report", "warm"},
     "doctor": NOUNS | {"rectify", "node_params", "doctor"},
     "ros": NOUNS | STAGE_ROOMS | NODE_PARAMS | {"ros", "doctor", "messages"},
@@ -56,7 +60,8 @@ MAY_IMPORT = {
     | {"survey", "recordings", "report", "bags", "track", "locate", "fuse", "drape", "georeference", "model"},
     "executables": {"", "signals"},
     "cli": OFFLINE
-    | {"cli", "pair", "warm", "bags", "recordings", "simulate", "report", "survey", "model", "doctor", "ros"},
+    | {"cli", "pair", "warm", "bags", "recordings", "simulate", "report", "survey", "model", "doctor", "ros"}
+    | {"calibrate_files", "measure_files"},
 }
 ROS_PACKAGES = re.compile(r"rclpy|rcl_interfaces|builtin_interfaces|ament_index_python|\w+_msgs|std_srvs|launch(_ros)?")
 MODULES = sorted(PACKAGE.rglob("*.py"))

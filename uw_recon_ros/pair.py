@@ -12,7 +12,7 @@ import numpy as np
 
 from uw_recon_ros.calibration.judge import judge_depths
 from uw_recon_ros.errors import EstimationError, ReconError
-from uw_recon_ros.files.atomic import finite, write_bytes
+from uw_recon_ros.files.atomic import claim_folder, finite, write_bytes
 from uw_recon_ros.files.calibrations import Paths, read_calibration
 from uw_recon_ros.files.disparities import check_disparity_format, write_disparity, write_pfm
 from uw_recon_ros.files.images import read_image, write_image
@@ -130,6 +130,7 @@ def _write_result(output: Path, result: Products, report: PairReport) -> None:
     write_image(output / "left_rect.png", result.rectified.left)
     write_image(output / "right_rect.png", result.rectified.right)
     write_pfm(output / "disparity.pfm", result.disparity.disparity)
+    write_pfm(output / "disparity_sigma.pfm", result.disparity.sigma)
     write_image(output / "disparity.png", colorize_disparity(result.disparity))
     if result.depth.geometry.metric:
         write_image(output / "depth.tiff", result.depth.depth)
@@ -138,16 +139,6 @@ def _write_result(output: Path, result: Products, report: PairReport) -> None:
     write_pair_page(output / "index.html", result.raw, result.enhanced, result.rectified, result.disparity,
                     result.depth, result.surface, report)  # fmt: skip
     _write_json(output / "report.json", report)
-
-
-def _claim(output: Path, overwrite: bool) -> None:
-    if output.exists() and not output.is_dir():
-        raise ReconError(f"{output}: expected a folder to write to, got a file")
-    if output.is_dir() and any(output.iterdir()) and not overwrite:
-        raise ReconError(
-            f"{output}: expected an empty or new folder, got one with files in it; --overwrite replaces them"
-        )
-    output.mkdir(parents=True, exist_ok=True)
 
 
 def _expect_surface(result: Products, left: str | Path, right: str | Path) -> None:
@@ -180,7 +171,7 @@ def reconstruct_files(
     """
     output = Path(output)
     pair = read_pair(left, right, calibration)
-    _claim(output, overwrite)
+    claim_folder(output, overwrite)
     tell_if_cold(say, [params.match.method])
     stages: list[str] = []
 

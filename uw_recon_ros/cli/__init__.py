@@ -13,6 +13,7 @@ from collections.abc import Collection, Sequence
 
 from uw_recon_ros import signals
 from uw_recon_ros.cli import (
+    calibrate,
     completion,
     convert_calibration,
     disparity,
@@ -20,6 +21,7 @@ from uw_recon_ros.cli import (
     evaluate,
     evaluate_model,
     info,
+    measure,
     model,
     pack,
     pair,
@@ -34,7 +36,7 @@ from uw_recon_ros.system_errors import explain, our_fault
 
 _MODULES = (
     pair, disparity, pack, info, simulate, evaluate, doctor, warmup, survey, model, evaluate_model, convert_calibration,
-    completion,
+    calibrate, measure, completion,
 )  # fmt: skip
 VERBS = {verb.__name__.rpartition(".")[2].replace("_", "-"): verb for verb in _MODULES}
 

@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from uw_recon_ros.errors import ReconError
+
 
 def sync_folder(folder: Path) -> None:
     """Make renames in a folder survive a power cut."""
@@ -67,3 +69,20 @@ def publish(staged: Mapping[Path, Path]) -> None:
         temporary.replace(place)
     for folder in {place.parent for place in staged.values()}:
         sync_folder(folder)
+
+
+def claim_folder(output: Path, overwrite: bool) -> None:
+    """Make the folder that results go to.
+
+    Raises
+    ------
+    ReconError
+        It is a file, or has files in it that are not to be replaced.
+    """
+    if output.exists() and not output.is_dir():
+        raise ReconError(f"{output}: expected a folder to write to, got a file")
+    if output.is_dir() and any(output.iterdir()) and not overwrite:
+        raise ReconError(
+            f"{output}: expected an empty or new folder, got one with files in it; --overwrite replaces them"
+        )
+    output.mkdir(parents=True, exist_ok=True)

@@ -10,6 +10,7 @@ import numpy as np
 from uw_recon_ros.errors import CalibrationError, EstimationError
 from uw_recon_ros.findings import Code, Finding, Severity, worst
 from uw_recon_ros.rectify.params import RectifyParams
+from uw_recon_ros.rectify.port import PortCamera, through_flat_ports
 from uw_recon_ros.rectify.rectification import Rectification, behind, exchanged
 from uw_recon_ros.rectify.rectified_camera import RectifiedCamera, Views
 from uw_recon_ros.rectify.refraction_check import PortIndex, port_index
@@ -130,6 +131,8 @@ def _medium(
 ) -> tuple[str, tuple[Finding, ...]]:
     """In what the rig works, by its rows, and what is to be told of them."""
     findings = rows.findings(params)
+    if isinstance(rectification.left, PortCamera):
+        return "water", findings  # by what was told of the ports
     if worst(_of_calibration(rectification)) >= Severity.UNRELIABLE:  # a wrong resolution looks like water
         return "", findings
     found = port_index(tie_points, rectification.left, rectification.right, rectification.geometry.axis)
@@ -174,7 +177,7 @@ def _marked(rectification: Rectification, findings: tuple[Finding, ...]) -> Rect
 
 def _of_calibration(rectification: Rectification) -> tuple[Finding, ...]:
     """What stays true of every pair: the calibration's findings."""
-    return tuple(f for f in rectification.quality.warnings if f.code.value.startswith("calibration."))
+    return tuple(f for f in rectification.quality.warnings if f.code == Code.RECTIFY_PORT or f.code.value.startswith("calibration."))
 
 
 def rectification_from_calibration(
@@ -211,11 +214,15 @@ def rectification_from_calibration(
     axis, baseline = judgement.axis, judgement.baseline_m
     size = calibration.left.width, calibration.left.height
     left, right = RectifiedCamera.of_camera(calibration.left), RectifiedCamera.of_camera(calibration.right)
+    told = judgement.findings
+    if params.port == "flat":
+        left, right, baseline, port_finding = through_flat_ports((left, right), baseline, axis, size, params)
+        told = (*told, port_finding)
     if left.identity and right.identity:
         rectification = _as_given((left, right), size, _geometry(left, right, axis, baseline))
     else:
         rectification = _warped((left, right), size, lambda le, ri: _geometry(le, ri, axis, baseline), params)
-    rectification = _marked(rectification, judgement.findings)
-    if params.medium == "air":
+    rectification = _marked(rectification, told)
+    if params.medium == "air" and params.port == "none":
         rectification = _marked(replace(rectification, geometry=rectification.geometry.unscaled), (_MADE_IN_AIR,))
     return rectification if tie_points is None else judged(rectification, tie_points, params)

@@ -47,6 +47,20 @@ class RectifyParams(Params):
         low=0.0,
         high=100_000.0,
     )
+    port: str = param(
+        "none",
+        "What stands before cameras that were calibrated in air; calibrated in water behind their ports: none.",
+        choices=("none", "flat"),
+    )
+    port_distance_mm: float = param(
+        10.0, "From a lens's centre of projection to the inner face of its flat port.", unit="mm", low=0.0, high=1000.0
+    )
+    port_thickness_mm: float = param(6.0, "Of the flat port.", unit="mm", low=0.0, high=200.0)
+    port_index: float = param(1.49, "Refractive index of the port: acrylic 1.49, glass 1.52.", low=1.0, high=2.5)
+    water_index: float = param(1.333, "Refractive index of the water: fresh 1.333, sea 1.342.", low=1.0, high=1.5)
+    port_range_m: float = param(
+        1.0, "Depth at which rectification behind a flat port is exact.", unit="m", low=0.05, high=100.0
+    )
     rectify_crop: bool = param(True, "Crop to what both rectified views show; else keep the size and mark the windows.")
     rectify_min_area: float = param(
         0.2, "Smallest share of the image that may remain after rectification.", low=0.01, high=1.0

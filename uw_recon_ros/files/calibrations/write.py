@@ -39,6 +39,12 @@ def write_calibration(calibration: StereoCalibration, path: str | Path, form: st
     write_bytes(path, WRITERS[form or "ros"](calibration, Path(path).suffix.lower()))
 
 
+def write_camera(camera: CameraModel, name: str, path: str | Path) -> None:
+    """Write one camera's document alone, as ROS's drivers load it."""
+    text = yaml.safe_dump(_ros_camera(camera, name), sort_keys=False, default_flow_style=None)
+    write_bytes(path, text.encode())
+
+
 def _ros(calibration: StereoCalibration, suffix: str) -> bytes:
     cameras = (("left", calibration.left), ("right", calibration.right))
     documents = [_ros_camera(camera, name) for name, camera in cameras]

@@ -1,0 +1,74 @@
+"""Boards in simulated pictures: found where they are."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from helpers.calibration_scenes import BOARD, rig_of, small_session
+
+from uw_recon_ros.boards import KINDS, Board
+from uw_recon_ros.calibrate.detect import edge_width, find_board, find_checkerboard_size
+from uw_recon_ros.calibrate.markers import find_dictionary
+from uw_recon_ros.calibrate.screen import mirrored
+from uw_recon_ros.simulate.boards import hold_boards, photograph, seen_points
+
+BOARDS = {
+    "checkerboard": BOARD,
+    "charuco": Board("charuco", 8, 6, 0.05, dictionary="DICT_5X5_250"),
+    "aprilgrid": Board("aprilgrid", 6, 5, 0.065),
+    "circles": Board("circles", 8, 6, 0.04),
+    "asymmetric-circles": Board("asymmetric-circles", 4, 9, 0.025),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_points_are_found_to_a_tenth_of_a_pixel(kind: str) -> None:
+    board, rig = BOARDS[kind], rig_of(1)
+    poses = hold_boards(rig, board, 2, 3, tilt_rad=0.25, distances_m=(0.6, 1.0))
+    for shot in photograph(rig, board, poses, 3):
+        for picture, true in zip((shot.left, shot.right), seen_points(rig, board, shot.pose), strict=True):
+            found = find_board(picture, board)
+            assert found is not None
+            assert len(found.numbers) >= 0.6 * len(true)
+            order = min((true, true[::-1]), key=lambda t: float(np.abs(found.pixels - t[found.numbers]).max()))
+            assert np.sqrt(np.mean((found.pixels - order[found.numbers]) ** 2)) < 0.1
+            assert 1.0 < found.edge_px < 4.0
+
+
+def test_a_board_in_haze_is_found() -> None:
+    rig, (shot,) = small_session(1)
+    rng = np.random.default_rng(1)
+    hazy = np.clip(
+        np.rint(120 + 0.06 * (shot.left.astype(float) - 100) + 0.5 * rng.standard_normal(shot.left.shape)), 0, 255
+    )
+    found = find_board(hazy.astype(np.uint8), BOARD)
+    assert found is not None
+    true, _ = seen_points(rig, BOARD, shot.pose)
+    assert min(np.abs(found.pixels - t).max() for t in (true, true[::-1])) < 1.0
+
+
+def test_no_board_is_none() -> None:
+    noise = np.random.default_rng(1).integers(0, 255, (240, 320), dtype=np.uint8)
+    assert all(find_board(noise, board) is None for board in BOARDS.values())
+
+
+def test_edges_widen_with_blur() -> None:
+    _, (shot,) = small_session(1)
+    found = find_board(shot.left, BOARD)
+    assert found is not None
+    blurred = cv2.GaussianBlur(shot.left, (0, 0), 3.0)
+    assert edge_width(blurred, found.pixels, found.spacing_px) > 1.5 * found.edge_px
+
+
+def test_size_and_dictionary_are_found() -> None:
+    _, (shot,) = small_session(1)
+    assert find_checkerboard_size(shot.left) in {(9, 6), (6, 9)}
+    _, (shot,) = small_session(1, board=BOARDS["charuco"])
+    assert find_dictionary(shot.left) in {"DICT_5X5_50", "DICT_5X5_250"}  # one begins with the other
+
+
+def test_a_mirror_image_is_noticed() -> None:
+    _, (shot,) = small_session(1, board=BOARDS["charuco"])
+    assert mirrored(np.ascontiguousarray(shot.left[:, ::-1]), BOARDS["charuco"])
+    assert not mirrored(shot.left, BOARDS["charuco"])

@@ -1,0 +1,247 @@
+"""Bundle adjustment: all numbers of a rig and all poses of the board at once, with their covariance.
+
+Poses are eliminated pair by pair (Schur's complement), so that the time grows with the number of pairs and no faster.
+Source: Triggs, McLauchlan, Hartley, Fitzgibbon: Bundle adjustment, a modern synthesis (2000), section 6.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_recon_ros.calibrate.detect import Sighting
+from uw_recon_ros.calibrate.optics import project_left, project_right
+from uw_recon_ros.types import Mask, Matrix
+
+_Slopes = tuple[Matrix, Matrix, Matrix]  # pixels, slopes by numbers, slopes by pose
+
+_MOST_STEPS = 60
+_SETTLED = 1e-9  # relative fall of the cost
+_HEAVIEST = 1e9
+_FOLDS = 5
+LEAST_HELD_OUT = 8  #: pairs from which a fifth can be left out of a fit
+
+
+@dataclass(frozen=True, eq=False)
+class SeenPair:
+    """A board seen by both cameras at one moment.
+
+    Parameters
+    ----------
+    name : str
+        Of the pair, as its files or stamp say.
+    left, right : Sighting
+    """
+
+    name: str
+    left: Sighting
+    right: Sighting
+
+
+@dataclass(frozen=True, eq=False)
+class Bundle:
+    """A solution.
+
+    Parameters
+    ----------
+    numbers : (24,) float64
+        See `calibrate.optics`.
+    poses : (P, 6) float64
+        Rotation vector and translation (m), left camera from board, of every pair.
+    covariance : (24, 24) float64
+        Of `numbers`; 0 for those that were held.
+    residuals : tuple of (left, right)
+        Seen minus predicted, (N, 2) px each, of every pair.
+    noise_px : float
+        Standard deviation of a coordinate that the residuals tell.
+    free : (24,) bool
+        Which numbers were solved for.
+    """
+
+    numbers: Matrix
+    poses: Matrix
+    covariance: Matrix
+    residuals: tuple[tuple[Matrix, Matrix], ...]
+    noise_px: float
+    free: Mask
+
+    @property
+    def rms_px(self) -> float:
+        """Root mean square distance of seen and predicted points, px."""
+        return rms_px(self.residuals)
+
+    @property
+    def pair_rms_px(self) -> Matrix:
+        """`rms_px` of every pair alone, (P,)."""
+        return np.array([rms_px([pair]) for pair in self.residuals])
+
+
+def rms_px(residuals: Sequence[tuple[Matrix, Matrix]]) -> float:
+    """Root mean square distance over pairs of (N, 2) residuals, px."""
+    everything = np.concatenate([side for pair in residuals for side in pair])
+    return float(np.sqrt((everything**2).sum(axis=1).mean())) if len(everything) else float("nan")
+
+
+@dataclass(frozen=True, eq=False)
+class _Normal:
+    """The normal equations of one pair: blocks by numbers, by both, by pose."""
+
+    cc: Matrix
+    cp: Matrix
+    pp: Matrix
+    c: Matrix
+    p: Matrix
+
+
+def pair_residuals(numbers: Matrix, pose: Matrix, pair: SeenPair, points: Matrix) -> tuple[Matrix, Matrix]:
+    """Seen minus predicted pixels of a pair, left and right, (N, 2) px."""
+    left, right = _predicted(numbers, pose, pair, points)
+    return pair.left.pixels - left[0], pair.right.pixels - right[0]
+
+
+def _predicted(
+    numbers: Matrix, pose: Matrix, pair: SeenPair, points: Matrix
+) -> tuple[tuple[Matrix, Matrix, Matrix], ...]:
+    return (
+        project_left(numbers, pose, points[pair.left.numbers]), project_right(numbers, pose, points[pair.right.numbers])
+    )  # fmt: skip
+
+
+def _normal(
+    numbers: Matrix, pose: Matrix, pair: SeenPair, points: Matrix, free: Mask, weight: float = 1.0
+) -> tuple[_Normal, float]:
+    left, right = _predicted(numbers, pose, pair, points)
+    misses = np.concatenate([(pair.left.pixels - left[0]).ravel(), (pair.right.pixels - right[0]).ravel()])
+    c, p = np.concatenate([left[1], right[1]])[:, free], np.concatenate([left[2], right[2]])
+    made = (c.T @ c, c.T @ p, p.T @ p, c.T @ misses, p.T @ misses)
+    return _Normal(*(weight * part for part in made)), weight * float(misses @ misses)
+
+
+def _damped(matrix: Matrix, weight: float) -> Matrix:
+    return matrix + weight * np.diag(np.maximum(np.diag(matrix), 1e-12))
+
+
+def _step(blocks: Sequence[_Normal], weight: float) -> tuple[Matrix, Matrix]:
+    """Levenberg's and Marquardt's step of the free numbers, and of every pose."""
+    inverses = [np.linalg.inv(_damped(block.pp, weight)) for block in blocks]
+    reduced = _damped(np.sum([block.cc for block in blocks], axis=0), weight)
+    wanted = np.sum([block.c for block in blocks], axis=0)
+    for block, inverse in zip(blocks, inverses, strict=True):
+        reduced = reduced - block.cp @ inverse @ block.cp.T
+        wanted = wanted - block.cp @ inverse @ block.p
+    numbers = np.linalg.solve(reduced, wanted)
+    poses = [inverse @ (block.p - block.cp.T @ numbers) for block, inverse in zip(blocks, inverses, strict=True)]
+    return numbers, np.array(poses)
+
+
+def _cost(numbers: Matrix, poses: Matrix, pairs: Sequence[SeenPair], points: Matrix, weights: Matrix) -> float:
+    misses = (pair_residuals(numbers, pose, pair, points) for pose, pair in zip(poses, pairs, strict=True))
+    return float(sum(w * sum((side**2).sum() for side in pair) for w, pair in zip(weights, misses, strict=True)))
+
+
+def adjust(
+    numbers: Matrix, poses: Matrix, pairs: Sequence[SeenPair], points: Matrix, free: Mask,
+    weights: Matrix | None = None,
+) -> Bundle:  # fmt: skip
+    """Minimise the squared distances of seen and predicted points, from a guess.
+
+    Parameters
+    ----------
+    numbers : (24,) float64
+    poses : (P, 6) float64
+    pairs : sequence of SeenPair
+    points : (N, 3) float64
+        Of the board, m.
+    free : (24,) bool
+        Which numbers may move.
+    weights : (P,) float64 or None
+        Of the pairs; None: all 1, without which the covariance is none.
+
+    Returns
+    -------
+    Bundle
+    """
+    damping, weights = 1e-3, np.ones(len(pairs)) if weights is None else weights
+    for _ in range(_MOST_STEPS):
+        made = [
+            _normal(numbers, pose, pair, points, free, w) for pose, pair, w in zip(poses, pairs, weights, strict=True)
+        ]
+        blocks, cost = [block for block, _ in made], sum(part for _, part in made)
+
+        def lower(there: Matrix, turned: Matrix, cost: float = cost) -> float:
+            return cost - _cost(there, turned, pairs, points, weights)
+
+        numbers, poses, damping, fallen = _descend(numbers, poses, free, blocks, lower, damping)
+        if fallen <= _SETTLED * cost:
+            break
+    return _solution(numbers, poses, pairs, points, free)
+
+
+def _descend(
+    numbers: Matrix, poses: Matrix, free: Mask, blocks: Sequence[_Normal],
+    lower: Callable[[Matrix, Matrix], float], damping: float,
+) -> tuple[Matrix, Matrix, float, float]:  # fmt: skip
+    """One step that lowers the cost, ever shorter until it does; the last number is by how much."""
+    while damping < _HEAVIEST:
+        try:
+            moved, turned = _step(blocks, damping)
+        except np.linalg.LinAlgError:
+            damping *= 10
+            continue
+        there = numbers.copy()
+        there[free] += moved
+        fallen = lower(there, poses + turned)
+        if fallen > 0:  # NaN is not
+            return there, poses + turned, max(damping / 10, 1e-12), fallen
+        damping *= 10
+    return numbers, poses, damping, 0.0
+
+
+def _solution(numbers: Matrix, poses: Matrix, pairs: Sequence[SeenPair], points: Matrix, free: Mask) -> Bundle:
+    residuals = tuple(pair_residuals(numbers, pose, pair, points) for pose, pair in zip(poses, pairs, strict=True))
+    count = 2 * sum(len(side) for pair in residuals for side in pair)
+    spare = max(count - int(free.sum()) - 6 * len(pairs), 1)
+    noise = float(np.sqrt(sum((side**2).sum() for pair in residuals for side in pair) / spare))
+    information = np.zeros((int(free.sum()), int(free.sum())))
+    for pose, pair in zip(poses, pairs, strict=True):
+        block, _ = _normal(numbers, pose, pair, points, free)
+        information += block.cc - block.cp @ np.linalg.pinv(block.pp) @ block.cp.T
+    covariance = np.zeros((len(numbers), len(numbers)))
+    covariance[np.ix_(free, free)] = noise**2 * _inverted(information)
+    return Bundle(numbers, poses, covariance, residuals, noise, free)
+
+
+def _inverted(information: Matrix) -> Matrix:
+    """Inverse of a symmetric matrix whose rows have very different units; what is not determined becomes very large."""
+    scale = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    values, vectors = np.linalg.eigh(scale[:, None] * information * scale)
+    inverse = (vectors / np.maximum(values, 1e-14)) @ vectors.T
+    found: Matrix = scale[:, None] * inverse * scale
+    return found
+
+
+def fit_pose(numbers: Matrix, pose: Matrix, pair: SeenPair, points: Matrix) -> tuple[Matrix, tuple[Matrix, Matrix]]:
+    """Pose of a pair with a rig that is known, and its residuals: how a pair left out of the fit is judged."""
+    nothing: NDArray[np.bool_] = np.zeros(len(numbers), np.bool_)
+    found = adjust(numbers, pose[None], [pair], points, nothing)
+    return found.poses[0], found.residuals[0]
+
+
+def without_folds(bundle: Bundle, pairs: Sequence[SeenPair], points: Matrix) -> Iterator[tuple[Bundle, range]]:
+    """Solve without a fifth of the pairs, five times; each solution with the indices of the pairs it has not seen."""
+    for fold in range(_FOLDS):
+        kept = [k for k in range(len(pairs)) if k % _FOLDS != fold]
+        part = adjust(bundle.numbers, bundle.poses[kept], [pairs[k] for k in kept], points, bundle.free)
+        yield part, range(fold, len(pairs), _FOLDS)
+
+
+def unseen_residuals(bundle: Bundle, pairs: Sequence[SeenPair], points: Matrix) -> list[tuple[Matrix, Matrix]]:
+    """Residuals of every pair by a solution that has not seen it."""
+    return [
+        fit_pose(part.numbers, bundle.poses[k], pairs[k], points)[1]
+        for part, out in without_folds(bundle, pairs, points)
+        for k in out
+    ]

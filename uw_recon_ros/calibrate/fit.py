@@ -1,0 +1,195 @@
+"""From sightings of a board to a rig: the order of points, the staged solution, pairs that do not belong."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_recon_ros.boards import CHECKERBOARD, CIRCLES, Board
+from uw_recon_ros.calibrate.bundle import LEAST_HELD_OUT, Bundle, SeenPair, adjust, rms_px, unseen_residuals
+from uw_recon_ros.calibrate.detect import Sighting
+from uw_recon_ros.calibrate.guess import guess_rig
+from uw_recon_ros.calibrate.optics import EXTRINSIC, NAMES, SIDES
+from uw_recon_ros.errors import CalibrationError
+from uw_recon_ros.findings import Code
+from uw_recon_ros.types import Mask, Matrix
+
+LEAST_PAIRS = 4
+_OUTLYING = 3.0  # times the median error of a pair
+_OUTLYING_PX = 0.5  # what no pair is left out for
+_REWEIGHTED = 8
+_ALL_ALIKE = 0.4  # least over largest weight: no pair stands out
+_SINGLE_FITS = 0.4  # share of the pair's error in either camera alone, below which the two disagree on the moment
+_K3_GAIN = 0.97  # held-out error with k3 over that without, up to which it is worth having
+_K3 = [NAMES.index("left_k3"), NAMES.index("right_k3")]
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A pair that was not used.
+
+    Parameters
+    ----------
+    name : str
+    reason : str
+        In words, with numbers.
+    code : Code
+    """
+
+    name: str
+    reason: str
+    code: Code
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A solution with what it was made of.
+
+    Parameters
+    ----------
+    bundle : Bundle
+    pairs : tuple of SeenPair
+        Used, in the order of the bundle.
+    left_out : tuple of LeftOut
+    """
+
+    bundle: Bundle
+    pairs: tuple[SeenPair, ...]
+    left_out: tuple[LeftOut, ...]
+
+
+def ordered_alike(pair: SeenPair, board: Board) -> SeenPair:
+    """Count the points of the right image from the corner that the left one begins with.
+
+    A board without markers looks the same turned by 180 degrees, a square one by 90: the order is taken that moves
+    points most alike.
+    """
+    if board.kind not in (CHECKERBOARD, CIRCLES):
+        return pair
+    left, right = pair.left.pixels - pair.left.pixels.mean(axis=0), pair.right.pixels - pair.right.pixels.mean(axis=0)
+    orders = _orders(board)
+    best = min(orders, key=lambda order: float(((right[order] - left) ** 2).sum()))
+    return replace(pair, right=replace(pair.right, pixels=pair.right.pixels[best]))
+
+
+def _orders(board: Board) -> list[NDArray[np.int64]]:
+    columns, rows = board.grid
+    numbers = np.arange(columns * rows).reshape(rows, columns)
+    turns = range(4) if columns == rows else (0, 2)
+    return [np.rot90(numbers, turn).ravel() for turn in turns]
+
+
+def solve(pairs: Sequence[SeenPair], board: Board, size: tuple[int, int]) -> Fit:
+    """Solve for a rig; pairs that do not agree with the others are left out, by name.
+
+    Parameters
+    ----------
+    pairs : sequence of SeenPair
+    board : Board
+    size : (width, height)
+        Of both images, px.
+
+    Raises
+    ------
+    CalibrationError
+        Fewer than four pairs, at the beginning or in the end.
+    """
+    points, left_out = board.points(), list[LeftOut]()
+    kept = [ordered_alike(pair, board) for pair in pairs]
+    _enough(kept, left_out)
+    numbers, poses = guess_rig(kept, points, size)
+    bundle = _staged(numbers, poses, kept, points)
+    while True:
+        bundle = _by_most(bundle, kept, points)
+        wrong = _outlying(bundle)
+        left_out += [_named(kept[k], bundle, k, points) for k in wrong]
+        kept = [pair for k, pair in enumerate(kept) if k not in wrong]
+        _enough(kept, left_out)
+        bundle = adjust(bundle.numbers, np.delete(bundle.poses, wrong, axis=0), kept, points, bundle.free)
+        if not wrong:
+            return Fit(_with_k3(bundle, kept, points), tuple(kept), tuple(left_out))
+
+
+def _enough(kept: Sequence[SeenPair], left_out: Sequence[LeftOut]) -> None:
+    if len(kept) < LEAST_PAIRS:
+        because = f"; left out: {left_out[-1].name}: {left_out[-1].reason}" if left_out else ""
+        raise CalibrationError(
+            f"pairs of the board: expected at least {LEAST_PAIRS} that agree, got {len(kept)}{because}",
+            Code.CALIBRATE_TOO_FEW,
+        )
+
+
+def _free(*, middle: bool, distortion: bool, k3: bool) -> Mask:
+    free = np.ones(len(NAMES), np.bool_)
+    for side in SIDES:
+        free[side.start + 2 : side.start + 4] = middle
+        free[side.start + 4 : side.stop] = distortion
+    free[_K3] = k3
+    return free
+
+
+def _staged(numbers: Matrix, poses: Matrix, pairs: Sequence[SeenPair], points: Matrix) -> Bundle:
+    """First what is coarse, then the rest from there."""
+    for middle, distortion in ((False, False), (False, True), (True, True)):
+        bundle = adjust(numbers, poses, pairs, points, _free(middle=middle, distortion=distortion, k3=False))
+        numbers, poses = bundle.numbers, bundle.poses
+    return bundle
+
+
+def _with_k3(bundle: Bundle, pairs: Sequence[SeenPair], points: Matrix) -> Bundle:
+    """The solution with r^6 distortion, where that predicts pairs it has not seen better; beyond the points it sees it
+    runs away, and a better fit alone is no reason."""
+    if len(pairs) < LEAST_HELD_OUT:
+        return bundle
+    richer = adjust(bundle.numbers, bundle.poses, pairs, points, _free(middle=True, distortion=True, k3=True))
+    plain, bent = (rms_px(unseen_residuals(found, pairs, points)) for found in (bundle, richer))
+    return richer if bent < _K3_GAIN * plain else bundle
+
+
+def _by_most(bundle: Bundle, pairs: Sequence[SeenPair], points: Matrix) -> Bundle:
+    """The solution that most pairs agree on: those that fit badly weigh ever less (Geman and McClure)."""
+    for _ in range(_REWEIGHTED):
+        usual = max(float(np.median(bundle.pair_rms_px)), 1e-6)
+        weights = 1 / (1 + (bundle.pair_rms_px / (2 * usual)) ** 2) ** 2
+        if weights.min() > _ALL_ALIKE * weights.max():
+            break
+        bundle = adjust(bundle.numbers, bundle.poses, pairs, points, bundle.free, weights)
+    return bundle
+
+
+def _outlying(bundle: Bundle) -> list[int]:
+    """Pairs that fit far worse than most."""
+    errors = bundle.pair_rms_px
+    limit = max(_OUTLYING * float(np.median(errors)), _OUTLYING_PX)
+    return [int(k) for k in np.flatnonzero(errors > limit)]
+
+
+def _named(pair: SeenPair, bundle: Bundle, index: int, points: Matrix) -> LeftOut:
+    """Why a pair does not fit: each camera alone tells whether the two saw one moment."""
+    together, usual = float(bundle.pair_rms_px[index]), float(np.median(bundle.pair_rms_px))
+    alone = max(_alone(bundle, index, pair, side, points) for side in ("left", "right"))
+    if alone < _SINGLE_FITS * together:
+        reason = (
+            f"not taken at one moment? points miss by {together:.2f} px (others {usual:.2f}), in either camera alone "
+            f"by at most {alone:.2f}"
+        )
+        return LeftOut(pair.name, reason, Code.CALIBRATE_UNSYNCHRONISED)
+    return LeftOut(pair.name, f"points miss by {together:.2f} px (others {usual:.2f})", Code.CALIBRATE_OUTLIER)
+
+
+def _alone(bundle: Bundle, index: int, pair: SeenPair, side: str, points: Matrix) -> float:
+    """Error of one camera's points when the board's pose need please no other camera."""
+    nothing = Sighting(np.empty(0, np.int64), np.empty((0, 2)), 0.0, 0.0)
+    single = replace(pair, right=nothing) if side == "left" else replace(pair, left=nothing)
+    found = adjust(bundle.numbers, bundle.poses[index][None], [single], points, np.zeros(len(NAMES), np.bool_))
+    return found.rms_px
+
+
+def baseline_sigma(bundle: Bundle) -> float:
+    """Standard deviation of the distance between the cameras, m."""
+    move = bundle.numbers[EXTRINSIC][3:]
+    direction, part = move / np.linalg.norm(move), slice(EXTRINSIC.start + 3, EXTRINSIC.stop)
+    return float(np.sqrt(direction @ bundle.covariance[part, part] @ direction))

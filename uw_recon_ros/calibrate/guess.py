@@ -1,0 +1,83 @@
+"""A guess to start from, so that no solver is left to find a focal length on flat views by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from uw_recon_ros.calibrate.bundle import SeenPair
+from uw_recon_ros.calibrate.detect import Sighting
+from uw_recon_ros.calibrate.optics import EXTRINSIC, NAMES, OF_CAMERA, SIDES, intrinsic_matrix
+from uw_recon_ros.types import Matrix
+
+_FOCAL_LENGTHS = np.geomspace(0.4, 4.0, 24)  # over the longer side of the image
+_MOST_VIEWS = 10
+
+
+def guess_rig(pairs: Sequence[SeenPair], points: Matrix, size: tuple[int, int]) -> tuple[Matrix, Matrix]:
+    """Numbers and poses to start from.
+
+    Parameters
+    ----------
+    pairs : sequence of SeenPair
+    points : (N, 3) float64
+        Of the board, m.
+    size : (width, height)
+        Of both images, px.
+
+    Returns
+    -------
+    (24,), (P, 6) float64
+        See `Bundle`: no distortion, the principal point in the middle.
+    """
+    numbers = np.zeros(len(NAMES))
+    for side, sightings in zip(SIDES, ([p.left for p in pairs], [p.right for p in pairs]), strict=True):
+        numbers[side] = _camera(sightings, points, size)
+    lefts = [_pose(numbers[SIDES[0]], pair.left, points) for pair in pairs]
+    rights = [_pose(numbers[SIDES[1]], pair.right, points) for pair in pairs]
+    numbers[EXTRINSIC] = _between(lefts, rights)
+    return numbers, np.array(lefts)
+
+
+def _camera(sightings: Sequence[Sighting], points: Matrix, size: tuple[int, int]) -> Matrix:
+    """The focal length of a scan that explains the views best."""
+    views = sightings[:: max(len(sightings) // _MOST_VIEWS, 1)]
+    candidates = [_ideal(share * max(size), size) for share in _FOCAL_LENGTHS]
+    return min(candidates, key=lambda camera: float(np.mean([_miss(camera, view, points) for view in views])))
+
+
+def _ideal(focal: float, size: tuple[int, int]) -> Matrix:
+    camera = np.zeros(len(OF_CAMERA))
+    camera[:4] = focal, focal, (size[0] - 1) / 2, (size[1] - 1) / 2
+    return camera
+
+
+def _miss(camera: Matrix, sighting: Sighting, points: Matrix) -> float:
+    """Mean squared distance, over the board's size in the image: near views do not outvote the others."""
+    pose = _pose(camera, sighting, points)
+    pixels, _ = cv2.projectPoints(points[sighting.numbers], pose[:3], pose[3:], intrinsic_matrix(camera), np.zeros(5))
+    return float(((pixels.reshape(-1, 2) - sighting.pixels) ** 2).mean()) / sighting.spacing_px**2
+
+
+def _pose(camera: Matrix, sighting: Sighting, points: Matrix) -> Matrix:
+    """Of a board before a camera, left camera from board: the better of a plane's two solutions, refined."""
+    seen, k = points[sighting.numbers], intrinsic_matrix(camera)
+    _, turns, moves, errors = cv2.solvePnPGeneric(seen, sighting.pixels, k, np.zeros(5), flags=cv2.SOLVEPNP_IPPE)
+    best = int(np.argmin(np.asarray(errors).ravel())) if len(turns) else 0
+    if not len(turns):
+        return np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+    turn, move = cv2.solvePnPRefineLM(seen, sighting.pixels, k, np.zeros(5), turns[best], moves[best])
+    return np.concatenate([np.asarray(turn).ravel(), np.asarray(move).ravel()])
+
+
+def _between(lefts: Sequence[Matrix], rights: Sequence[Matrix]) -> Matrix:
+    """The median of what every pair says about right from left."""
+    found = []
+    for left, right in zip(lefts, rights, strict=True):
+        one, other = (cv2.Rodrigues(pose[:3])[0] for pose in (left, right))
+        turn = other @ one.T
+        found.append(np.concatenate([cv2.Rodrigues(turn)[0].ravel(), right[3:] - turn @ left[3:]]))
+    middle: Matrix = np.median(found, axis=0)
+    return middle

@@ -1,0 +1,121 @@
+"""Boards that carry markers, which tell their points apart: ChArUco and AprilGrid."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uw_recon_ros.boards import Board
+from uw_recon_ros.errors import CalibrationError
+from uw_recon_ros.findings import Code
+from uw_recon_ros.types import ByteImage, Matrix
+
+#: Dictionaries tried where none is told.
+DICTIONARIES = (
+    "DICT_4X4_50", "DICT_5X5_50", "DICT_6X6_50", "DICT_4X4_250", "DICT_5X5_250", "DICT_6X6_250", "DICT_4X4_1000",
+    "DICT_5X5_1000", "DICT_6X6_1000", "DICT_7X7_1000", "DICT_ARUCO_ORIGINAL",
+)  # fmt: skip
+APRILTAGS = "DICT_APRILTAG_36h11"
+_REFINE = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-4)
+_GRID_BORDER = 2  # bits of black round a tag of kalibr's AprilGrid
+
+Found = tuple[NDArray[np.int64], Matrix]
+
+
+def marker_dictionary(name: str) -> Any:
+    """OpenCV's dictionary of that name.
+
+    Raises
+    ------
+    CalibrationError
+        There is none, or this OpenCV is older than 4.7.
+    """
+    aruco: Any = getattr(cv2, "aruco", None)
+    if not hasattr(aruco, "CharucoDetector"):
+        raise CalibrationError(
+            f"boards with markers: expected OpenCV 4.7 or newer, got {cv2.__version__}: use a checkerboard",
+            Code.CALIBRATE_BOARD,
+        )
+    number = getattr(aruco, name, None)
+    if not isinstance(number, int):
+        raise CalibrationError(
+            f"dictionary: expected a name such as DICT_5X5_250, got {name[:40]}", Code.CALIBRATE_BOARD
+        )
+    return aruco.getPredefinedDictionary(number)
+
+
+@lru_cache(maxsize=32)
+def _charuco_detector(board: Board, legacy: bool) -> Any:
+    made = cv2.aruco.CharucoBoard(
+        (board.columns, board.rows), board.square_m, board.marker_side_m, marker_dictionary(board.dictionary)
+    )
+    made.setLegacyPattern(legacy)
+    params = cv2.aruco.DetectorParameters()
+    params.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    return cv2.aruco.CharucoDetector(made, cv2.aruco.CharucoParameters(), params)
+
+
+def find_charuco(gray: ByteImage, board: Board) -> Found | None:
+    """Inner corners between the markers that are seen; both ways of laying the first square are tried."""
+    best: Found | None = None
+    for legacy in (False, True):
+        corners, numbers, _, _ = _charuco_detector(board, legacy).detectBoard(gray)
+        if numbers is not None and len(numbers) > (0 if best is None else len(best[0])):
+            best = np.asarray(numbers, np.int64).ravel(), np.asarray(corners, np.float64).reshape(-1, 2)
+    return best
+
+
+def find_dictionary(gray: ByteImage) -> str | None:
+    """The smallest dictionary in which most markers of a picture are read; None: none is."""
+    counts = [(len(_detect(gray, name, 1)[1]), -rank, name) for rank, name in enumerate(DICTIONARIES)]
+    count, _, name = max(counts)
+    return name if count >= 3 else None
+
+
+def find_aprilgrid(gray: ByteImage, board: Board) -> Found | None:
+    """Corners of the tags that are seen, whichever way their rows and corners are counted.
+
+    Tags of kalibr's grids touch black squares: in a picture of twice the size they come apart.
+    """
+    twice = cv2.resize(gray, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)
+    corners, numbers = _detect(np.asarray(twice, np.uint8), board.dictionary or APRILTAGS, _GRID_BORDER)
+    corners = (corners - 0.5) / 2
+    known = numbers < board.columns * board.rows
+    return _arranged(gray, corners[known], numbers[known], board) if known.sum() >= 4 else None
+
+
+def _detect(gray: ByteImage, dictionary: str, border: int) -> tuple[Matrix, NDArray[np.int64]]:
+    """(N, 4, 2) corners and (N,) numbers of markers."""
+    params = cv2.aruco.DetectorParameters()
+    params.markerBorderBits = border
+    corners, numbers, _ = cv2.aruco.ArucoDetector(marker_dictionary(dictionary), params).detectMarkers(gray)
+    if numbers is None or not len(numbers):
+        return np.empty((0, 4, 2)), np.empty(0, np.int64)
+    return np.asarray(corners, np.float64).reshape(-1, 4, 2), np.asarray(numbers, np.int64).ravel()
+
+
+def _arranged(gray: ByteImage, corners: Matrix, numbers: NDArray[np.int64], board: Board) -> Found:
+    """The count of rows (from either end) and of corners (from any) that fits one plane best."""
+    points, best = board.points().reshape(-1, 4, 3), (np.inf, numbers, corners)
+    flipped = (board.rows - 1 - numbers // board.columns) * board.columns + numbers % board.columns
+    for count in (numbers, flipped):
+        for turn in range(4):
+            turned = np.roll(corners, turn, axis=1)
+            error = _plane_error(points[count].reshape(-1, 3)[:, :2], turned.reshape(-1, 2))
+            best = min(best, (error, count, turned), key=lambda item: item[0])
+    _, count, turned = best
+    reach = int(np.clip(0.08 * np.linalg.norm(turned[0, 0] - turned[0, 1]), 2, 8))
+    refined = cv2.cornerSubPix(gray, turned.reshape(-1, 1, 2).astype(np.float32), (reach, reach), (-1, -1), _REFINE)
+    return (4 * count[:, None] + np.arange(4)).ravel(), np.asarray(refined, np.float64).reshape(-1, 2)
+
+
+def _plane_error(points: Matrix, pixels: Matrix) -> float:
+    found: Any = cv2.findHomography(points, pixels, 0)[0]
+    if found is None:
+        return float("inf")
+    mapped = np.c_[points, np.ones(len(points))] @ found.T
+    return float(np.median(np.linalg.norm(mapped[:, :2] / mapped[:, 2:] - pixels, axis=1)))

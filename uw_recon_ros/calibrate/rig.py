@@ -1,0 +1,92 @@
+"""The numbers of a bundle as a calibration, and depths computed with it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+
+from uw_recon_ros.calibrate.optics import EXTRINSIC, SIDES, intrinsic_matrix
+from uw_recon_ros.calibration.together import Lens, Parts
+from uw_recon_ros.rectify.rectified_camera import RectifiedCamera, undistorted
+from uw_recon_ros.types import Axis, Matrix, StereoCalibration
+
+FRAMES = ("stereo_left_optical_frame", "stereo_right_optical_frame")
+
+
+@dataclass(frozen=True, eq=False)
+class RigNumbers:
+    """A rig's numbers, read.
+
+    Parameters
+    ----------
+    numbers : (24,) float64
+        See `calibrate.optics`.
+    size : (width, height)
+        Of both images, px.
+    """
+
+    numbers: Matrix
+    size: tuple[int, int]
+
+    @property
+    def right_center(self) -> Matrix:
+        """Of the right camera in the left one's frame, (3,) m."""
+        centre: Matrix = -self._turn.T @ self.numbers[EXTRINSIC][3:]
+        return centre
+
+    @property
+    def _turn(self) -> Matrix:
+        return np.asarray(cv2.Rodrigues(self.numbers[EXTRINSIC][:3])[0], np.float64)
+
+    @property
+    def baseline_m(self) -> float:
+        """Distance between the cameras, m."""
+        return float(np.linalg.norm(self.right_center))
+
+    @property
+    def axis(self) -> Axis:
+        """Direction of the baseline in the images."""
+        along = np.abs(self.right_center)
+        return "horizontal" if along[0] >= along[1] else "vertical"
+
+    @property
+    def exchanged(self) -> bool:
+        """Whether the right camera stands on the left; a vertical rig may have its second camera on either side."""
+        return self.axis == "horizontal" and self.right_center[0] < 0
+
+    @cached_property
+    def calibration(self) -> StereoCalibration:
+        """As ROS has it: K and D of both, R and P that rectify."""
+        left, right = (
+            Lens(self.size, intrinsic_matrix(self.numbers[side]), self.numbers[side][4:].copy(), "plumb_bob", frame)
+            for side, frame in zip(SIDES, FRAMES, strict=True)
+        )
+        return Parts(left, right, self._turn, self.numbers[EXTRINSIC][3:]).rig()
+
+    def located(self, left: Matrix, right: Matrix) -> Matrix:
+        """Points seen by both cameras, by the disparity of their rectified pixels, as a matcher would.
+
+        Parameters
+        ----------
+        left, right : (N, 2) float64
+            Raw px.
+
+        Returns
+        -------
+        (N, 3) float64
+            In the left camera's frame, m; NaN where pixels lead nowhere.
+        """
+        rays = []
+        for camera, pixels in zip((self.calibration.left, self.calibration.right), (left, right), strict=True):
+            view = RectifiedCamera.of_camera(camera)
+            rays.append(np.c_[undistorted(view, pixels), np.ones(len(pixels))] @ camera.r.T)
+        along = 0 if self.axis == "horizontal" else 1
+        one, other = (ray[:, :2] / ray[:, 2:] for ray in rays)
+        signed = -self.calibration.right.p[along, 3] / self.calibration.right.p[along, along]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            depth = signed / (one[:, along] - other[:, along])
+        points: Matrix = (depth[:, None] * np.c_[one, np.ones(len(one))]) @ self.calibration.left.r
+        return points

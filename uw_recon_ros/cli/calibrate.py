@@ -1,0 +1,71 @@
+"""``uw_recon calibrate``: pictures of a board to the calibration of a rig."""
+
+from __future__ import annotations
+
+import argparse
+import re
+
+from uw_recon_ros.boards import CHECKERBOARD, KINDS
+from uw_recon_ros.cli.common import OK, UsageError, warn
+from uw_recon_ros.progress import Progress, say
+
+HELP = "calibrate a stereo rig with a board"
+DESCRIPTION = (
+    "Pairs of pictures of a board (stills, bags or videos, as survey takes them) to left.yaml, right.yaml, "
+    "calibration.yaml (both, as --calibration takes it), calibration.json and a page that says what it is worth."
+)
+EPILOG = "Exit code: 0 done, also where the calibration is marked unreliable; 1 failed; 2 wrong usage."
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what it takes."""
+    parser.add_argument("input", help="folder with the stills of both cameras (left/, right/), a bag, or videos")
+    parser.add_argument("-o", "--output", required=True, metavar="DIR", help="folder to fill; index.html shows it all")
+    parser.add_argument("--board", choices=KINDS, default=CHECKERBOARD, help="(default %(default)s)")
+    parser.add_argument(
+        "--size", metavar="CxR",
+        help="inner corners of a checkerboard (default: found), squares of ChArUco, tags, or circles: columns x rows",
+    )  # fmt: skip
+    parser.add_argument(
+        "--square-mm", type=float, default=0.0, metavar="MM",
+        help="side of a square, or from tag to tag, or from circle to circle; without it nothing is in metres",
+    )  # fmt: skip
+    parser.add_argument("--marker-mm", type=float, default=0.0, metavar="MM", help="side of a marker (default: usual)")
+    parser.add_argument("--dictionary", default="", metavar="NAME", help="of the markers, e.g. DICT_5X5_250 (found)")
+    parser.add_argument("--medium", choices=("water", "air", "unknown"), default="unknown", help="around the board")
+    parser.add_argument("--most-pairs", type=int, default=150, metavar="N", help="looked at (default %(default)s)")
+    parser.add_argument("--overwrite", action="store_true", help="replace files of an earlier run")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Calibrate, and say what came of it."""
+    from uw_recon_ros.calibrate_files import BoardAsked, calibrate_files
+
+    if not 4 <= args.most_pairs <= 10_000:
+        raise UsageError(f"--most-pairs: expected 4 to 10000, got {args.most_pairs}")
+    if not (0 <= args.square_mm <= 1e4 and 0 <= args.marker_mm <= 1e4):
+        raise UsageError(f"--square-mm, --marker-mm: expected 0 to 10000, got {args.square_mm:g}, {args.marker_mm:g}")
+    asked = BoardAsked(args.board, _size(args.size), args.square_mm / 1e3, args.marker_mm / 1e3, args.dictionary)
+    report = calibrate_files(
+        args.input, args.output, asked, medium=args.medium, most_pairs=args.most_pairs, overwrite=args.overwrite,
+        progress=lambda frames: Progress().watch(frames, "pairs", len(frames)),
+    )  # fmt: skip
+    for out in report["left_out"]:
+        say(f"left out: {out['name']}: {out['text']}")
+    warn(report["warnings"])
+    at_1_m = next((e["mean_percent"] for e in report["depth_errors"] if e["range_m"] == 1.0), None)
+    depth = "not known" if at_1_m is None else f"{at_1_m:.2g} %"
+    say(
+        f"{args.output}/index.html: {len(report['pairs'])} pairs, points miss by {report['rms_px']:.2f} px, depth "
+        f"error at 1 m {depth}{'' if report['reliable'] else ', NOT RELIABLE: see the warnings'}"
+    )
+    return OK
+
+
+def _size(text: str | None) -> tuple[int, int] | None:
+    if text is None:
+        return None
+    found = re.fullmatch(r"(\d{1,3})[xX](\d{1,3})", text)
+    if not found:
+        raise UsageError(f"--size: expected columns x rows such as 9x6, got {text}")
+    return int(found[1]), int(found[2])

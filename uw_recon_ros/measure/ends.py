@@ -1,0 +1,196 @@
+"""The disparity at the ends of a segment, robust where an end lies on a silhouette.
+
+Along a straight line in space disparity is linear in the image. So disparities are read along the segment, and a line
+is fitted that most of them agree with. Where it holds from end to end, and with what is seen at the ends, it is taken;
+where not, an end on a smooth surface is what is seen there, and an end on a silhouette what the segment shows shortly
+before it: background seen past an edge does not agree, and does not count.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uw_recon_ros.errors import EstimationError
+from uw_recon_ros.findings import Code
+from uw_recon_ros.trajectory import DisparityFrame
+from uw_recon_ros.types import Matrix
+
+_SPOT_PX = 4  # radius of what is one surface, or a silhouette
+_BAND_PX = 2  # to either side of the segment
+_INWARDS_PX = 25.0
+_LEAST = 8  # disparities
+_STRAIGHT = 0.7  # share that must agree for the whole segment to be one line
+_TOLERANCE = 3.0  # times sigma
+_LEAST_TOLERANCE_PX = 0.3
+CORRELATED_PX = 8.0  #: along the image, over which a matcher's errors are alike
+_DRAWS = 200
+
+
+@dataclass(frozen=True)
+class End:
+    """One end of a segment.
+
+    Parameters
+    ----------
+    u, v : float
+        Rectified px, as clicked.
+    disparity, sigma : float
+        px.
+    agreed : float
+        Share of the disparities read that agree, 0 to 1.
+    """
+
+    u: float
+    v: float
+    disparity: float
+    sigma: float
+    agreed: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Line:
+    """``d = offset + slope t``, t in px from the segment's first end."""
+
+    offset: float
+    slope: float
+    sigma: float
+    middle: float
+    spread: float
+    count: float
+    agreed: float
+    reach: tuple[float, float]
+
+    def straight(self, length: float) -> bool:
+        """Whether it holds from end to end."""
+        return self.agreed >= _STRAIGHT and self.reach[0] < 0.2 * length and self.reach[1] > 0.8 * length
+
+    def meets(self, end: End, t: float) -> bool:
+        """Whether it agrees with what is seen at an end."""
+        return abs(self.at(t)[0] - end.disparity) <= max(_TOLERANCE * end.sigma, _LEAST_TOLERANCE_PX)
+
+    def at(self, t: float) -> tuple[float, float]:
+        """Disparity and its standard deviation."""
+        leverage = 1 + ((t - self.middle) / max(self.spread, 1e-9)) ** 2
+        return self.offset + self.slope * t, self.sigma * float(np.sqrt(leverage / self.count))
+
+
+def segment_ends(frame: DisparityFrame, first: Matrix, second: Matrix) -> tuple[End, End]:
+    """Disparities at both ends of a segment.
+
+    Parameters
+    ----------
+    frame : DisparityFrame
+    first, second : (2,) float64
+        Rectified px (u, v).
+
+    Raises
+    ------
+    EstimationError
+        There are too few disparities along the segment.
+    """
+    length = float(np.linalg.norm(second - first))
+    if length < 2:
+        raise EstimationError("segment: expected two different points, got one twice", Code.MEASURE_NO_DEPTH)
+    t, d, sigma = _read(frame, first, second, length)
+    whole = _fitted(t, d, sigma)
+    ends = []
+    for point, at in ((first, 0.0), (second, length)):
+        found = _seen_there(frame, point)
+        if whole is not None and whole.straight(length) and (found is None or whole.meets(found, at)):
+            found = _end(point, whole, at)
+        ends.append(found or _inwards(point, at, length, t, d, sigma))
+    return ends[0], ends[1]
+
+
+def _inwards(point: Matrix, at: float, length: float, t: Matrix, d: Matrix, sigma: Matrix) -> End:
+    """An end on a silhouette: what the segment shows shortly before it."""
+    near = np.abs(t - at) <= min(_INWARDS_PX, max(length / 3, 6.0))
+    line = _fitted(t[near], d[near], sigma[near])
+    if line is None:
+        raise EstimationError(
+            f"no depth at ({point[0]:.0f}, {point[1]:.0f}): expected at least {_LEAST} disparities towards the other "
+            f"end, got {int(near.sum())}: click where the picture has depth",
+            Code.MEASURE_NO_DEPTH,
+        )
+    return _end(point, line, at)
+
+
+def _seen_there(frame: DisparityFrame, point: Matrix) -> End | None:
+    """An end on one smooth surface; None at a silhouette, or without depth."""
+    u, v = (round(float(x)) for x in point)
+    part = slice(max(v - _SPOT_PX, 0), v + _SPOT_PX + 1), slice(max(u - _SPOT_PX, 0), u + _SPOT_PX + 1)
+    rows, columns = np.mgrid[part]
+    d, sigma = frame.disparity[part], frame.sigma[part]
+    known = np.isfinite(d)
+    if known.sum() < 0.6 * d.size or d.size < _LEAST:
+        return None
+    places = np.stack([columns[known] - point[0], rows[known] - point[1], np.ones(int(known.sum()))], axis=1)
+    values = d[known].astype(np.float64)
+    plane = np.linalg.lstsq(places, values, rcond=None)[0]
+    scatter = float(np.abs(values - places @ plane).max())
+    noise = float(np.nanmedian(sigma[known])) if np.isfinite(sigma[known]).any() else 1.0
+    if scatter > max(_TOLERANCE * noise, _LEAST_TOLERANCE_PX):
+        return None
+    return End(float(point[0]), float(point[1]), float(plane[2]), noise, float(known.mean()))
+
+
+def _end(point: Matrix, line: _Line, t: float) -> End:
+    disparity, sigma = line.at(t)
+    return End(float(point[0]), float(point[1]), disparity, sigma, line.agreed)
+
+
+def _read(frame: DisparityFrame, first: Matrix, second: Matrix, length: float) -> tuple[Matrix, Matrix, Matrix]:
+    """Place along the segment, disparity and sigma of all pixels in a band about it."""
+    along = (second - first) / length
+    across = np.array([-along[1], along[0]])
+    steps = np.arange(0.0, length + 0.5)
+    found = []
+    for aside in range(-_BAND_PX, _BAND_PX + 1):
+        places = np.rint(first + steps[:, None] * along + aside * across).astype(int)
+        height, width = frame.disparity.shape
+        inside = (places >= 0).all(axis=1) & (places[:, 0] < width) & (places[:, 1] < height)
+        u, v = places[inside].T
+        found.append(np.stack([steps[inside], frame.disparity[v, u], frame.sigma[v, u]]))
+    t, d, sigma = np.concatenate(found, axis=1).astype(np.float64)
+    known = np.isfinite(d)
+    return t[known], d[known], np.where(np.isfinite(sigma[known]), sigma[known], 1.0)
+
+
+def _fitted(t: Matrix, d: Matrix, sigma: Matrix) -> _Line | None:
+    """The line that most disparities agree with, refined on those; None for too few."""
+    if len(t) < _LEAST:
+        return None
+    limit = max(_TOLERANCE * float(np.median(sigma)), _LEAST_TOLERANCE_PX)
+    offset, slope = _most_agreed(t, d, limit)
+    agree = np.abs(d - offset - slope * t) <= limit
+    if agree.sum() < _LEAST:
+        return None
+    slope, offset = _line_through(t[agree], d[agree])
+    scatter = float(np.sqrt(np.mean((d[agree] - offset - slope * t[agree]) ** 2)))
+    length = max(float(np.ptp(t[agree])), 1.0)
+    return _Line(
+        offset, slope, max(scatter, float(np.median(sigma[agree]))), float(t[agree].mean()), float(t[agree].std()),
+        max(length / CORRELATED_PX, 1.0), float(agree.mean()), (float(t[agree].min()), float(t[agree].max())),
+    )  # fmt: skip
+
+
+def _line_through(t: Matrix, d: Matrix) -> tuple[float, float]:
+    """Slope and offset by least squares; level where all lie at one place."""
+    if np.ptp(t) < 1:
+        return 0.0, float(d.mean())
+    slope, offset = np.polyfit(t, d, 1)
+    return float(slope), float(offset)
+
+
+def _most_agreed(t: Matrix, d: Matrix, limit: float) -> tuple[float, float]:
+    """Offset and slope of the line through two disparities that most others agree with; the same draws always."""
+    rng = np.random.default_rng(0)
+    one, other = rng.integers(len(t), size=(2, _DRAWS))
+    apart = np.where(np.abs(t[other] - t[one]) < 1, np.inf, t[other] - t[one])
+    slopes = (d[other] - d[one]) / apart
+    offsets = d[one] - slopes * t[one]
+    counts = (np.abs(d - offsets[:, None] - slopes[:, None] * t) <= limit).sum(axis=1)
+    best = int(counts.argmax())
+    return float(offsets[best]), float(slopes[best])

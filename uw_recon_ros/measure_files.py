@@ -1,0 +1,228 @@
+"""Measuring in what `pair` and `survey` left: the work of ``uw_recon measure``."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from uw_recon_ros.errors import EstimationError, ReconError
+from uw_recon_ros.files.atomic import finite, write_bytes, write_json
+from uw_recon_ros.files.disparities import read_disparity
+from uw_recon_ros.files.images import read_image
+from uw_recon_ros.findings import Code, Finding, Severity
+from uw_recon_ros.measure.quantities import (
+    CalibrationError,
+    Measurement,
+    measure_patch,
+    measure_polyline,
+    measure_to_plane,
+)
+from uw_recon_ros.survey.kept_frame import KEPT, kept_name, read_kept
+from uw_recon_ros.trajectory import DisparityFrame
+from uw_recon_ros.types import StereoGeometry
+
+Points = Sequence[tuple[float, float]]
+_ASSUMED = "quasi-euclidean"  # rectified without a calibration: the focal length is assumed
+
+
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """A frame to measure in.
+
+    Parameters
+    ----------
+    name : str
+    frame : DisparityFrame
+    findings : tuple of Finding
+        What is to be known before its numbers are used.
+    assumed : bool
+        Whether the focal length is only assumed, so that shapes are too.
+    """
+
+    name: str
+    frame: DisparityFrame
+    findings: tuple[Finding, ...] = ()
+    assumed: bool = False
+
+
+def open_frame(path: str | Path, name: str = "") -> Opened:
+    """Open a folder of `pair`, a survey's folder (with a frame's name), or a kept frame.
+
+    Raises
+    ------
+    ReconError
+        It is none of it, or its depth was not kept.
+    """
+    path = Path(path)
+    if path.is_file():
+        return Opened(path.name, read_kept(path))
+    if (path / KEPT).is_dir():
+        return _of_survey(path, name)
+    if (path / "report.json").is_file() and (path / "disparity.pfm").is_file():
+        return _of_pair(path)
+    raise ReconError(
+        f"{path}: expected a folder of `uw_recon pair`, or of `uw_recon survey --write model`, or a kept frame",
+        Code.MEASURE_INPUT,
+    )
+
+
+def _of_survey(path: Path, name: str) -> Opened:
+    names = sorted(file.stem for file in (path / KEPT).iterdir() if file.suffix == ".frame")
+    if name not in names:
+        some = ", ".join(names[:4])
+        text = f"--frame: expected one of the {len(names)} frames kept ({some}, ...), got {name or 'nothing'}"
+        raise ReconError(text, Code.MEASURE_INPUT)
+    return Opened(name, read_kept(path / kept_name(name)))
+
+
+def _of_pair(path: Path) -> Opened:
+    report = json.loads((path / "report.json").read_text())
+    if report.get("geometry") is None:
+        raise ReconError(f"{path}: expected a pair that came through, got {report.get('failed')}", Code.MEASURE_INPUT)
+    geometry = _geometry(report["geometry"])
+    disparity = read_disparity(path / "disparity.pfm")
+    sigma_file = path / "disparity_sigma.pfm"
+    sigma = read_disparity(sigma_file) if sigma_file.is_file() else np.full_like(disparity, 0.5)
+    depth_file = path / "depth.tiff"
+    if depth_file.is_file():  # what the depth filter took away is not measured
+        disparity = np.where(np.isfinite(read_image(depth_file)), disparity, np.float32(np.nan))
+    told = [w["text"] for w in report["warnings"] if w["severity"] == "unreliable"]
+    findings = tuple(Finding(Code.MEASURE_UNRELIABLE, text, Severity.UNRELIABLE) for text in told)
+    frame = DisparityFrame(0, np.asarray(read_image(path / "left_rect.png"), np.uint8), disparity, sigma, geometry)
+    return Opened(path.name, frame, findings, report["rectification"]["method"] == _ASSUMED)
+
+
+def _geometry(told: dict[str, Any]) -> StereoGeometry:
+    return StereoGeometry(
+        told["focal_px"], told["cx_left"], told["cx_right"], told["cy"], told["baseline_m"], told["axis"],
+        told["baseline_sign"], told["focal_across_px"], tuple(tuple(row) for row in told["rect_from_raw_left"]),
+    )  # fmt: skip
+
+
+def calibration_error(path: str | Path) -> CalibrationError:
+    """Relative sigma of depth at a depth, from the table of a ``calibration.json``.
+
+    Raises
+    ------
+    ReconError
+        It is none, or made without the size of the squares.
+    """
+    try:
+        table = json.loads(Path(path).read_text())["depth_errors"]
+        rows = [(math.log(e["range_m"]), e["mean_percent"] / 100) for e in table if e["mean_percent"] is not None]
+    except (ValueError, KeyError, TypeError) as error:
+        text = f"{path}: expected a calibration.json of `uw_recon calibrate`, got {error!r}"
+        raise ReconError(text, Code.MEASURE_INPUT) from error
+    if not rows:
+        raise ReconError(f"{path}: expected depth errors, got none: was --square-mm given?", Code.MEASURE_INPUT)
+    ranges, errors = zip(*rows, strict=True)
+    return lambda depth: float(np.interp(math.log(max(depth, 1e-6)), ranges, errors))
+
+
+def scaled(
+    opened: Opened, bar: Points, length_m: float, sigma_m: float, click_px: float
+) -> tuple[Opened, CalibrationError]:
+    """Metres from a known length in the picture.
+
+    Parameters
+    ----------
+    opened : Opened
+    bar : two of (u, v)
+        Ends of what is known.
+    length_m, sigma_m : float
+
+    Returns
+    -------
+    Opened, callable
+        The frame in metres, and its relative uncertainty, the same at all depths.
+
+    Raises
+    ------
+    EstimationError
+        The bar has no depth.
+    """
+    seen = measure_polyline(replace(opened.frame, geometry=opened.frame.geometry.unscaled), bar, click_px=click_px)
+    if not seen.value > 0:
+        raise EstimationError(f"known length: expected one in the picture, got {seen.value:g}", Code.MEASURE_NO_SCALE)
+    relative = math.hypot(sigma_m / length_m, seen.sigma / seen.value)
+    geometry = opened.frame.geometry
+    metric = replace(geometry, baseline_m=geometry.baseline_sign * length_m / seen.value)
+    findings = opened.findings
+    if opened.assumed:
+        text = (
+            "scale from a known length, focal length only assumed: lengths beside the known one and parallel to it are "
+            "in metres, those in depth are not"
+        )
+        findings = (*findings, Finding(Code.MEASURE_NO_SCALE, text, Severity.UNRELIABLE, "give the in-water focal_px"))
+    return replace(opened, frame=replace(opened.frame, geometry=metric), findings=findings), lambda depth: relative
+
+
+def measure(
+    opened: Opened, quantity: str, points: Points, *, plane: Points | None = None, click_px: float = 1.0,
+    calibration: CalibrationError | None = None,
+) -> list[Measurement]:  # fmt: skip
+    """Measure; see `measure.quantities`.
+
+    Parameters
+    ----------
+    opened : Opened
+    quantity : {'length', 'height', 'area'}
+    points : sequence of (u, v)
+        Rectified px.
+    plane : sequence of (u, v) or None
+        For ``height``: corners of the plane to measure from; None: the bottom.
+
+    Raises
+    ------
+    EstimationError
+        There is no depth there.
+    ValueError
+        Too few points.
+    """
+    height, width = opened.frame.disparity.shape
+    for u, v in points:
+        if not (0 <= u <= width - 1 and 0 <= v <= height - 1):
+            text = f"point: expected within the rectified image of {width}x{height} px, got ({u:g}, {v:g})"
+            raise EstimationError(text, Code.MEASURE_NO_DEPTH)
+    options: dict[str, Any] = {"click_px": click_px, "calibration": calibration}
+    made: dict[str, Callable[[], list[Measurement]]] = {
+        "length": lambda: [measure_polyline(opened.frame, points, **options)],
+        "height": lambda: [measure_to_plane(opened.frame, point, plane, **options) for point in points],
+        "area": lambda: list(measure_patch(opened.frame, points, **options)),
+    }
+    return made[quantity]()
+
+
+def rows_of(opened: Opened, results: Sequence[Measurement]) -> list[dict[str, Any]]:
+    """Results as JSON holds them, each with its frame and pixels."""
+    return [
+        {
+            "frame": opened.name, "stamp_ns": opened.frame.stamp_ns, "quantity": r.quantity, "value": finite(r.value),
+            "sigma": finite(r.sigma), "unit": r.unit, "sigma_disparity": finite(r.sigma_disparity),
+            "sigma_click": finite(r.sigma_click), "sigma_calibration": finite(r.sigma_calibration),
+            "depth": finite(r.depth), "agreed": finite(r.agreed), "cell": finite(r.cell),
+            "pixels": [list(point) for point in r.points],
+            "reliable": all(f.severity < Severity.UNRELIABLE for f in opened.findings),
+        }
+        for r in results
+    ]  # fmt: skip
+
+
+def write_rows(path: str | Path, rows: Sequence[dict[str, Any]]) -> None:
+    """Write results as JSON or, where the name ends so, as CSV."""
+    if Path(path).suffix.lower() != ".csv":
+        write_json(path, list(rows), durable=False)
+        return
+    text = io.StringIO()
+    table = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+    table.writeheader()
+    table.writerows({**row, "pixels": " ".join(f"{u:g},{v:g}" for u, v in row["pixels"])} for row in rows)
+    write_bytes(path, text.getvalue().encode())
