@@ -177,7 +177,11 @@ def _marked(rectification: Rectification, findings: tuple[Finding, ...]) -> Rect
 
 def _of_calibration(rectification: Rectification) -> tuple[Finding, ...]:
     """What stays true of every pair: the calibration's findings."""
-    return tuple(f for f in rectification.quality.warnings if f.code == Code.RECTIFY_PORT or f.code.value.startswith("calibration."))
+    return tuple(
+        f
+        for f in rectification.quality.warnings
+        if f.code == Code.RECTIFY_PORT or f.code.value.startswith("calibration.")
+    )
 
 
 def rectification_from_calibration(
