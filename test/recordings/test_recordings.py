@@ -22,7 +22,6 @@ from uw_recon_ros.recordings.clock import find_clock
 from uw_recon_ros.recordings.layout import cut, find_layout
 from uw_recon_ros.recordings.options import Options
 from uw_recon_ros.recordings.recording import Recording
-from uw_recon_ros.recordings.sources import find_sources
 from uw_recon_ros.recordings.video import Video
 
 COUNT = 14
@@ -319,6 +318,10 @@ def test_what_cannot_be_read_is_named(tmp_path: Path) -> None:
     with pytest.raises(ReconError, match=r"1 \.nef") as error:
         Recording(tmp_path)
     assert "develop" in str(error.value)
+    for side, image in zip(("left", "right"), PAIRS[0], strict=True):
+        write_image(tmp_path / side / "1.png", image)
+    with Recording(tmp_path) as recording:
+        assert any("2 .nef" in note and "develop" in note for note in recording.listing.notes)
     shutil.rmtree(tmp_path / "right")
-    with pytest.raises(ReconError):
-        find_sources([tmp_path])
+    with pytest.raises(ReconError, match="one camera's"):
+        Recording(tmp_path)

@@ -106,6 +106,13 @@ def what_is_in(folder: Path) -> str:
     )
 
 
+def raw_in(folder: Path) -> str:
+    """Raw photographs beside images that are read, for a sentence; empty where there are none."""
+    files = (path for _, path in zip(range(_MOST), folder.rglob("*"), strict=False))
+    counts = Counter(path.suffix.lower() for path in files if path.suffix.lower() in RAW)
+    return ", ".join(f"{count} {suffix}" for suffix, count in counts.most_common())
+
+
 def flat_pairs(paths: Iterable[Path]) -> tuple[list[Path], list[Path]] | None:
     """Files of one folder whose names tell the camera (``dive_0001_L.jpg``), left and right; None: they do not."""
     files = sorted(paths, key=natural_order)
