@@ -1,0 +1,58 @@
+"""`uw_recon measure` in a frame that a survey kept."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from uw_recon_ros.cli import main
+from uw_recon_ros.survey.kept_frame import write_kept
+from uw_recon_ros.trajectory import DisparityFrame
+from uw_recon_ros.types import StereoGeometry
+
+GEOMETRY = StereoGeometry(600.0, 159.5, 159.5, 119.5, 0.12)
+
+
+@pytest.fixture
+def kept(tmp_path: Path) -> Path:
+    """A wall at 1 m."""
+    disparity = np.full((240, 320), 72.0, np.float32)
+    frame = DisparityFrame(7, np.zeros((240, 320, 3), np.uint8), disparity, np.full_like(disparity, 0.1), GEOMETRY)
+    write_kept(tmp_path / "a.frame", frame)
+    write_kept(tmp_path / "unscaled.frame", replace(frame, geometry=GEOMETRY.unscaled))
+    return tmp_path
+
+
+def test_a_length_as_json_and_csv(kept: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["measure", str(kept / "a.frame"), "length", "40,120", "280,120"]) == 0
+    (row,) = json.loads(capsys.readouterr().out)
+    assert row["value"] == pytest.approx(0.4, rel=1e-3)
+    assert row["frame"] == "a.frame"
+    assert row["stamp_ns"] == 7
+    assert row["pixels"] == [[40.0, 120.0], [280.0, 120.0]]
+    assert row["sigma_calibration"] is None
+    assert main(["measure", str(kept / "a.frame"), "length", "40,120", "280,120", "-o", str(kept / "x.csv")]) == 0
+    assert (kept / "x.csv").read_text().splitlines()[1].startswith("a.frame,7,length,0.4")
+
+
+def test_metres_from_a_known_length(kept: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["measure", str(kept / "unscaled.frame"), "length", "40,60", "280,60"]
+    assert main(words) == 0
+    assert json.loads(capsys.readouterr().out)[0]["unit"] == "baselines"
+    assert main([*words, "--known-length", "200", "40,120", "160,120", "--known-sigma-mm", "2"]) == 0
+    (row,) = json.loads(capsys.readouterr().out)
+    assert row["value"] == pytest.approx(0.4, rel=2e-3)
+    assert row["unit"] == "m"
+    assert row["sigma_calibration"] > 0.01 * 0.4 * 0.99
+
+
+def test_what_cannot_be_measured_is_one_line(kept: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["measure", str(kept / "a.frame"), "length", "40,120", "900,120"]) == 1
+    assert "320x240" in capsys.readouterr().err
+    assert main(["measure", str(kept), "length", "40,120", "90,120"]) == 1
+    assert main(["measure", str(kept / "a.frame"), "length", "40,120"]) == 2
+    assert main(["measure", str(kept / "a.frame"), "length", "a,b", "1,2"]) == 2
