@@ -167,3 +167,9 @@ def test_good_calibrations_are_never_refused(
     assert judgement.refusal is None
     assert abs(judgement.baseline_m) == pytest.approx(baseline)
     assert judgement.axis == ("vertical" if vertical else "horizontal")
+
+
+def test_a_baseline_in_inches_is_told_by_depths_that_no_water_shows() -> None:
+    inches = 0.12 / 0.0254
+    assert judge_depth(1.25 / 0.0254, inches)[0].severity == Severity.UNRELIABLE
+    assert not judge_depth(1.25, 0.12)

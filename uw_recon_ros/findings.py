@@ -102,6 +102,7 @@ class Code(str, Enum):
     RECTIFY_NO_PARALLAX = "rectify.no_parallax"
     RECTIFY_NOT_CHECKED = "rectify.not_checked"
     RECTIFY_ORDER_UNKNOWN = "rectify.order_unknown"
+    RECTIFY_NOTHING_IN_COMMON = "rectify.nothing_in_common"
     RECTIFY_PROJECTIVE = "rectify.projective"
     RECTIFY_PORT = "rectify.port"
     RECTIFY_ROWS_DISAGREE = "rectify.rows_disagree"

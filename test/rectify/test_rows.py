@@ -9,9 +9,12 @@ import pytest
 from helpers.rig_scenes import calibration_of, make_rig, scatter
 
 from uw_recon_ros.findings import Code, Severity
+from uw_recon_ros.pipeline import Pipeline, PipelineParams
 from uw_recon_ros.rectify import RectifyParams, TiePoints
 from uw_recon_ros.rectify.calibrated import rectification_from_calibration, unjudged
 from uw_recon_ros.rectify.rows import RowAgreement
+from uw_recon_ros.simulate import Dive, SimulateParams
+from uw_recon_ros.types import StereoPair
 
 RIG = make_rig()
 PARAMS = RectifyParams()
@@ -57,3 +60,25 @@ def test_a_tiny_image_is_not_held_to_what_tie_points_cannot_measure() -> None:
     small = RowAgreement(median_px=0.1, p95_px=0.3, noise_px=0.0, points=25, diagonal_px=120.0)
     assert not small.unreliable(RectifyParams())
     assert replace(small, median_px=0.3).unreliable(RectifyParams())
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_images_that_share_nothing_give_no_metres(seed: int) -> None:
+    """Two images of independent noise under a calibration that is fine: whatever is matched there is chance."""
+    random = np.random.default_rng(seed)
+    left, right = (random.integers(0, 256, (360, 480, 3), np.uint8) for _ in range(2))
+    calibration = Dive(SimulateParams(width=480, height=360)).calibration
+    rectified = Pipeline(PipelineParams())(StereoPair(left, right, calibration=calibration)).rectified
+    assert not rectified.geometry.metric
+    codes = {finding.code for finding in rectified.quality.warnings}
+    assert {Code.RECTIFY_NOT_CHECKED, Code.RECTIFY_SCALE_WITHHELD} <= codes
+
+
+def test_a_scene_without_texture_keeps_its_metres_unchecked() -> None:
+    """Few features are no proof of two scenes."""
+    smooth = np.tile(np.linspace(80, 120, 480).astype(np.uint8)[None, :, None], (360, 1, 3))
+    calibration = Dive(SimulateParams(width=480, height=360)).calibration
+    noisy = np.clip(smooth + np.random.default_rng(0).normal(0, 0.5, smooth.shape), 0, 255).astype(np.uint8)
+    rectified = Pipeline(PipelineParams())(StereoPair(smooth, noisy, calibration=calibration)).rectified
+    assert rectified.geometry.metric
+    assert {finding.code for finding in rectified.quality.warnings} == {Code.RECTIFY_NOT_CHECKED}

@@ -16,6 +16,8 @@ from uw_recon_ros.types import Axis, CameraModel, DepthMap, Matrix, StereoCalibr
 BASELINE_RANGE_M = (0.005, 5.0)
 #: Median depth over baseline. Nearer than 1, views hardly overlap; farther than 2000, disparities are under a pixel.
 DEPTH_RANGE_BASELINES = (1.0, 2000.0)
+#: Median depth, m, that no water is clear enough for; inches taken for metres put a metre at forty.
+FARTHEST_SEEN_M = 30.0
 #: Distortion models, and how many coefficients each may have.
 DISTORTION_COUNTS = {"plumb_bob": (4, 5), "rational_polynomial": (8, 12, 14), "equidistant": (4,)}
 SAME_FOCAL = 1e-3  #: relative difference of the focal lengths of both P that counts as equal
@@ -106,9 +108,10 @@ def judge_baseline(baseline_m: float) -> tuple[Finding, ...]:
 def judge_depth(median_depth_m: float, baseline_m: float) -> tuple[Finding, ...]:
     """Hold a scene's median depth, m, against the baseline, m, that measured it."""
     low, high = (factor * abs(baseline_m) for factor in DEPTH_RANGE_BASELINES)
+    high = max(low, min(high, FARTHEST_SEEN_M))
     if low <= median_depth_m <= high:
         return ()
-    text = f"median depth: expected {low:g} to {high:g} m for a baseline of {abs(baseline_m):g} m"
+    text = f"median depth: expected {low:g} to {high:g} m in water, with a baseline of {abs(baseline_m):g} m"
     got = f"{text}, got {median_depth_m:g} m"
     return (Finding(Code.CALIBRATION_DEPTH_IMPLAUSIBLE, got, Severity.UNRELIABLE, "check the calibration's units"),)
 

@@ -162,11 +162,16 @@ def _metres_of_air(index: float) -> Finding:
     )
 
 
-def unjudged(rectification: Rectification, why: str) -> Rectification:
-    """The same rectification, marked as one that nothing could be measured on."""
-    return rectification.with_quality(
-        replace(rectification.quality, warnings=(*_of_calibration(rectification), not_checked(why)))
-    )
+def unjudged(rectification: Rectification, why: str, code: Code | None = None) -> Rectification:
+    """The same rectification, marked as one that nothing could be measured on; `code` is of what stood against it.
+
+    Without metres where both images are rich and share nothing.
+    """
+    findings = not_checked(why, code)
+    quality = replace(rectification.quality, warnings=_of_calibration(rectification) + findings)
+    withheld = any(finding.code == Code.RECTIFY_SCALE_WITHHELD for finding in findings)
+    geometry = rectification.geometry
+    return replace(rectification, quality=quality, geometry=geometry.unscaled if withheld else geometry)
 
 
 def _marked(rectification: Rectification, findings: tuple[Finding, ...]) -> Rectification:

@@ -35,7 +35,7 @@ def doubts(left: ByteImage, right: ByteImage, min_disparity: int) -> tuple[Findi
     try:
         found = find_tie_points(pair, RectifyParams())
     except EstimationError as error:
-        return (not_checked(str(error)),)
+        return not_checked(str(error))
     u, v = (found.left - found.right).T
     if np.mean(u < -_BEHIND_PX) > _NEARLY_ALL and min_disparity >= 0:
         raise EstimationError(

@@ -74,7 +74,7 @@ class RowAgreement:
     def findings(self, params: RectifyParams) -> tuple[Finding, ...]:
         """What is to be told: nothing where the rows agree."""
         if math.isnan(self.median_px):
-            return (not_checked(),)
+            return not_checked()
         if not self.unreliable(params):
             return ()
         return (self._disagreement(params), *([self._withholding(params)] if self.withheld(params) else []))
@@ -84,7 +84,10 @@ class RowAgreement:
             f"rows disagree by {self.median_px:.2f} px (median of {self.points} tie "
             f"points), expected up to {self.limit_px(params):.2f} px (their noise is {self.noise_px:.2f} px)"
         )
-        advice = "look whether the pairs are of one moment, the images of the calibration's mode, the rig as it was"
+        advice = (
+            "look whether the pairs are of one moment, the images of the calibration's mode, the rig as it was, "
+            "and the calibration made in water"
+        )
         return Finding(Code.RECTIFY_ROWS_DISAGREE, text, Severity.UNRELIABLE, advice)
 
     def _withholding(self, params: RectifyParams) -> Finding:
@@ -95,10 +98,18 @@ class RowAgreement:
         return Finding(Code.RECTIFY_SCALE_WITHHELD, text, Severity.UNRELIABLE, "calibrate this rig, in water")
 
 
-def not_checked(why: str = "no tie points") -> Finding:
-    """What is told where rows could not be measured."""
+def not_checked(why: str = "no tie points", code: Code | None = None) -> tuple[Finding, ...]:
+    """What is told where rows could not be measured, by the code of what stood against it.
+
+    Two images that are rich and share nothing give no metres: whatever is matched there is chance.
+    """
     text = f"row error not checked: {' '.join(why.split())}; whether the calibration fits these images is not known"
-    return Finding(Code.RECTIFY_NOT_CHECKED, text, Severity.WARN, "look at pairs with more texture")
+    finding = Finding(Code.RECTIFY_NOT_CHECKED, text, Severity.WARN, "look at pairs with more texture")
+    if code != Code.RECTIFY_NOTHING_IN_COMMON:
+        return (finding,)
+    told = "metres withheld: both images are rich in features and share hardly any: noise, or not the same scene"
+    advice = "look whether left and right are of one pair"
+    return (finding, Finding(Code.RECTIFY_SCALE_WITHHELD, told, Severity.UNRELIABLE, advice))
 
 
 def row_noise(errors: Matrix, left: Matrix, right: Matrix, size: int) -> float:

@@ -19,6 +19,8 @@ from uw_recon_ros.unseen import continued, unseen, with_margin
 
 _TAIL = 0.05
 _MARGIN_PX = 20.0
+_RICH = 200  # features in either image
+_SHARED = 0.055  # of them that match: real canyon 0.08, others 0.14 and more; two scenes 0.02, noise 0.02 to 0.04
 _INLIER_SHARE = 0.25  # unrelated images reach about a tenth
 _CONTRAST_LIMIT = 3.0  # times the mean of the histogram
 
@@ -120,6 +122,7 @@ def find_tie_points(pair: EnhancedPair, params: RectifyParams, *, longest_side: 
             f"{len(points_right)} right: the images show too little texture",
             Code.RECTIFY_TIE_POINTS,
         )
+    fewest = min(len(points_left), len(points_right))
     index_left, index_right = mutual_matches(descriptors_left, descriptors_right, params.tie_ratio)
     matches = TiePoints(
         to_full_size(points_left[index_left], left, pair.left),
@@ -134,9 +137,14 @@ def find_tie_points(pair: EnhancedPair, params: RectifyParams, *, longest_side: 
             f"tie points: expected at least {params.tie_points_min} matches, a quarter of all, on one epipolar "
             f"geometry, got {inside.sum()} of {len(matches)} matches ({len(points_left)} features left, "
             f"{len(points_right)} right): too little texture, or the cameras do not show the same scene",
-            Code.RECTIFY_TIE_POINTS,
+            Code.RECTIFY_NOTHING_IN_COMMON if _nothing_in_common(fewest, len(matches)) else Code.RECTIFY_TIE_POINTS,
         )
     return thinned(matches.take(inside), params.tie_points_max, params.rectify_seed)
+
+
+def _nothing_in_common(features: int, matches: int) -> bool:
+    """Whether both images are rich and yet share nothing: noise, or two scenes."""
+    return features >= _RICH and matches < _SHARED * features
 
 
 def _coherent(left: Matrix, right: Matrix) -> NDArray[np.bool_]:

@@ -19,6 +19,7 @@ from uw_recon_ros.rectify.tie_points import TiePoints, find_tie_points, gathered
 from uw_recon_ros.rectify.uncalibrated import estimate_rectification
 from uw_recon_ros.types import CameraModel, EnhancedPair, StereoCalibration
 
+_SOON = 5  # frames until rows are looked at again where nothing was in common
 _WATCHED_FRAMES = 5  # whose tie points together judge a calibrated rig
 _WATCHING = 4  # watching looks at images half as large, and at so many times fewer features, than estimating
 _NO_BASELINE = Finding(
@@ -71,7 +72,9 @@ class _CalibratedRig:
         except EstimationError as error:  # nothing to measure on: what was known before holds, if anything was
             self._until_watch = self._params.watch_interval
             if not self._frames:
-                self._rectification = unjudged(self._given, str(error))
+                self._rectification = unjudged(self._given, str(error), error.code)
+                if error.code == Code.RECTIFY_NOTHING_IN_COMMON:  # metres come back soon after the sea bed does
+                    self._until_watch = min(self._until_watch, _SOON)
             return
         try:
             judged(self._given, found, self._params)

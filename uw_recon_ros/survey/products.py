@@ -49,7 +49,7 @@ class WatchedRectify:
         """Rectify one pair; without metres where its rows are too far off."""
         params, rectification = self._rectify.params, self._rectification
         self.rows, found = watch_rows(enhanced, rectification, params)
-        if self.rows.withheld(params):
+        if any(finding.code == Code.RECTIFY_SCALE_WITHHELD for finding in found):
             rectification = replace(rectification, geometry=rectification.geometry.unscaled)
         self.findings = together(enhanced, rectification, found)
         return self._rectify(enhanced, rectification)
@@ -104,7 +104,7 @@ def watch_rows(
     try:
         found = find_tie_points(pair, params)
     except EstimationError as error:
-        return RowAgreement(), (not_checked(str(error)),)
+        return RowAgreement(), not_checked(str(error), error.code)
     rows = RowAgreement.measured(rectification, found)
     return rows, rows.findings(params) + torn(rectification, found)
 
