@@ -25,7 +25,7 @@ TYPES = {
     **{f"/{output.topic}": output.type.__name__ for output in pipeline_node.OUTPUTS},
 }
 LATCHED = {f"/{output.topic}" for output in pipeline_node.OUTPUTS if output.latched}
-SHOWS = {"Image": "Image", "PointCloud2": "PointCloud2", "Marker": "Marker"}  # RViz's display of a message
+SHOWS = {kind: kind for kind in ("Image", "PointCloud2", "Marker", "LaserScan", "Range")}  # RViz's display of a message
 NOT_IN_RVIZ = {"CameraInfo", "DisparityImage", "CompressedImage"}  # it has no display for these
 
 

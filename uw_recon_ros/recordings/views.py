@@ -78,7 +78,14 @@ def both_views(path: str | Path) -> tuple[RawImage, RawImage]:
         It holds one, or cannot be read.
     """
     path = Path(path)
-    layout = _layout_of(Options(), str(path), iter([_still(path)]), [])
+    try:
+        layout = _layout_of(Options(), str(path), iter([_still(path)]), [])
+    except BagError as error:
+        raise BagError(
+            f"{path}: expected the other camera's image, or both views in one file, got one camera's image, the same "
+            "twice: name the other camera's file; where a file does hold both views, survey it with --layout",
+            Code.IMAGE_IDENTICAL,
+        ) from error
     source = Source("stills", str(path.parent.absolute()), path.name)
     with closing(Reader([source], [])) as reader:
         left, right = (Place(str(path), 0, 0, f"{layout}:{side}") for side in (0, 1))
