@@ -181,7 +181,7 @@ def test_best_effort_is_warned_of_where_images_are_large() -> None:
         ({"width": 320}, "left images are 640x480, right ones 320x480"),
         ({"encoding": "mono8"}, "left images are bgr8, right ones mono8"),
         ({"encoding": "bgr16"}, "left images are bgr8, right ones bgr16"),
-        ({"encoding": "nv12"}, "got 'nv12'"),
+        ({"encoding": "nv61"}, "got 'nv61'"),
     ],
 )
 def test_cameras_that_differ(change: dict[str, Any], words: str) -> None:

@@ -231,6 +231,8 @@ COMPANIONS = st.one_of(
     on(st.one_of(bad.bad_images, st.just(bad.SMALLER)), "disparity/status", "rectified/left/image_rect_color"),
 )
 DISPARITY = on(bad.bad_disparities, "disparity")
+#: So that there are obstacles and a range to tell of.
+AUTOPILOT = {"base_frame": "base_link", "obstacle_max_relative_sigma": 1.0}
 ATTACKS: dict[str, tuple[Any, Any, Any, dict[str, Any], Any, int]] = {
     "preprocess raw": (preprocess_node, preprocess_node.PreprocessNode, good_images, {}, RAW, 2000),
     "preprocess compressed": (
@@ -243,11 +245,12 @@ ATTACKS: dict[str, tuple[Any, Any, Any, dict[str, Any], Any, int]] = {
         1500,
     ),
     "point cloud": (
-        point_cloud_node, point_cloud_node.PointCloudNode, good_disparity, {},
+        point_cloud_node, point_cloud_node.PointCloudNode, good_disparity, AUTOPILOT,
         st.one_of(DISPARITY, COMPANIONS, RECTIFIED_INFOS), 2000,
     ),
     "pipeline": (
-        pipeline_node, pipeline_node.PipelineNode, lambda s: {**good_camera_infos(s), **good_images(s)}, LIMITS,
+        pipeline_node, pipeline_node.PipelineNode, lambda s: {**good_camera_infos(s), **good_images(s)},
+        LIMITS | AUTOPILOT,
         st.one_of(RAW, INFOS), 1000,
     ),
 }  # fmt: skip
