@@ -144,7 +144,8 @@ class BagInfo:
                     + (", already rectified: described by P alone" if side.rectified else "")
                 )
         if self.left is not None:
-            yield f"pairs: {self.pairs} at {self.rate_hz:.2f} Hz, longest gap {self.largest_gap_s:.2f} s"
+            rate = "rate unknown" if math.isnan(self.rate_hz) else f"{self.rate_hz:.2f} Hz"
+            yield f"pairs: {self.pairs} at {rate}, longest gap {self.largest_gap_s:.2f} s"
             scale = f", baseline {self.baseline_m:.4f} m" if self.calibration == "metric" else ""
             yield f"calibration: {self.calibration}{scale}"
         yield from (f"damage: {sentence}" for sentence in self.damage)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import re
 
 from uw_recon_ros.cli.common import OK, UsageError
@@ -53,5 +54,7 @@ def run(args: argparse.Namespace) -> int:
     for finding in judgement.findings:
         say(f"warning: {finding}")
     write_calibration(rig, args.output, args.form)
-    say(f"{args.output}: {rig.left.width}x{rig.left.height} px, baseline {abs(judgement.baseline_m):.4f} m")
+    baseline = abs(judgement.baseline_m)
+    told = "no baseline: two single cameras" if math.isnan(baseline) else f"baseline {baseline:.4f} m"
+    say(f"{args.output}: {rig.left.width}x{rig.left.height} px, {told}")
     return OK
