@@ -55,6 +55,6 @@ def run(args: argparse.Namespace) -> int:
         say(f"warning: {finding}")
     write_calibration(rig, args.output, args.form)
     baseline = abs(judgement.baseline_m)
-    told = "no baseline: two single cameras" if math.isnan(baseline) else f"baseline {baseline:.4f} m"
-    say(f"{args.output}: {rig.left.width}x{rig.left.height} px, {told}")
+    rest = "no baseline: two single cameras" if math.isnan(baseline) else f"baseline {baseline:.4f} m"
+    say(f"{args.output}: {rig.left.width}x{rig.left.height} px, {rest}")
     return OK
