@@ -34,6 +34,8 @@ SHOWN = (
     "depth/sigma",
     "points2",
     "points2_filtered",
+    "obstacles",
+    "range",
     "points_unscaled",
     "surface",
 )
