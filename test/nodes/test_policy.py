@@ -92,9 +92,9 @@ def test_a_stage_does_what_it_may_and_nothing_else(bench: Bench, name: str) -> N
     subscribed: set[str] = set()
     for rank in range(max(len(wanted.alternatives) for wanted in inputs)):
         talkers = [
-            bench.talk(s.type, s.topic) for s in (w.alternatives[min(rank, len(w.alternatives) - 1)] for w in inputs)
+            bench.talk(s.type, s.name) for s in (w.alternatives[min(rank, len(w.alternatives) - 1)] for w in inputs)
         ]
-        topics = {f"/{w.alternatives[min(rank, len(w.alternatives) - 1)].topic}" for w in inputs}
+        topics = {f"/{w.alternatives[min(rank, len(w.alternatives) - 1)].name}" for w in inputs}
         bench.spin_until(lambda t=topics: t <= seen(bench, node)["subscribe"], f"subscriptions to {topics}")
         subscribed |= seen(bench, node)["subscribe"]
         for talker in talkers:
