@@ -245,5 +245,12 @@ room = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize() 
 resource.setrlimit(resource.RLIMIT_AS, (room, room))
 assert Preprocess(PreprocessParams())(StereoPair(thin, thin)).left.shape == (1, 65536, 3)
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+        env={**os.environ, "MALLOC_ARENA_MAX": "1"},  # each thread's arena reserves address space that it does not use
+    )
     assert done.returncode == 0, done.stderr[-1500:]

@@ -23,6 +23,8 @@ from uw_recon_ros.types import StereoPair
 
 SECOND = 1_000_000_000
 LEFT, RIGHT = banded_pair()
+#: So that there are obstacles and a range to tell of.
+AUTOPILOT = {"base_frame": "base_link", "obstacle_max_relative_sigma": 1.0}
 LIMITS = {"min_disparity": 0, "max_disparity": 24}
 FOUR = (PreprocessNode, RectifyNode, DisparityNode, PointCloudNode)
 
@@ -65,13 +67,22 @@ def content(value: Any) -> Any:
 def run(bench: Bench, nodes: tuple[Any, ...], *, calibrated: bool) -> dict[str, Any]:
     for node in nodes:
         limits = LIMITS if node in (DisparityNode, PipelineNode) else {}
+        limits = limits | (AUTOPILOT if node in (PointCloudNode, PipelineNode) else {})
         bench.start(node, **limits)
     heard = listen_to_all(bench)
     rig = Rig(bench, calibrated=calibrated)
     rig.connect(bench)
     rig.send(7 * SECOND)
     unscaled = {"points_unscaled"}
-    metric = {"depth/image_rect", "depth/sigma", "depth/camera_info", "points2", "points2_filtered"}
+    metric = {
+        "depth/image_rect",
+        "depth/sigma",
+        "depth/camera_info",
+        "points2",
+        "points2_filtered",
+        "obstacles",
+        "range",
+    }
     expected = set(heard) - (unscaled if calibrated else metric)
     bench.spin_until(lambda: all(heard[topic] for topic in expected), "all outputs")
     bench.spin_for(0.1)

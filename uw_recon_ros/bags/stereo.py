@@ -19,6 +19,8 @@ from uw_recon_ros.pairing import Synchronizer
 from uw_recon_ros.sides import pairs_of, partners, side_of
 from uw_recon_ros.types import CameraModel, StereoCalibration, StereoPair
 
+#: What a simulator knows and no camera says.
+_TRUTH = re.compile(r"(^|[/_])(truth|ground_truth|gt)([/_]|$)", re.IGNORECASE)
 _DERIVED = re.compile(r"depth|disparity|truth|enhanced|matching|mask|status|sigma|debug(?!_)|theora|aligned")
 _PREFERRED = ("image_raw", "image", "image_color", "image_mono")
 
@@ -54,7 +56,7 @@ def _image_base(topic: TopicInfo) -> str:
 
 def _info_topics(left: TopicInfo, right: TopicInfo, topics: Sequence[TopicInfo]) -> tuple[str | None, str | None]:
     """The ``camera_info`` beside either image topic, as image_transport finds it; else the nearest two of a pair."""
-    infos = [topic.name for topic in topics if topic.type == CAMERA_INFO]
+    infos = [t.name for t in topics if t.type == CAMERA_INFO and not _TRUTH.search(t.name)]
     beside: list[str | None] = []
     for image in (left, right):
         base = _image_base(image)
