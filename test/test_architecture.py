@@ -21,7 +21,18 @@ ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "uw_recon_ros"
 NOUNS = {"", "types", "params", "errors", "images", "calibration", "pairing", "jit", "progress"}
 NOUNS |= {"files", "lazy", "stopwatch", "bounds", "image_pair", "system_errors"}
-NOUNS |= {"evaluate", "signals", "findings", "topics", "trajectory", "rigid", "unseen", "sides", "boards"}
+NOUNS |= {
+    "evaluate",
+    "signals",
+    "findings",
+    "topics",
+    "trajectory",
+    "rigid",
+    "unseen",
+    "sides",
+    "boards",
+    "board_kinds",
+}
 NOUNS |= {"evaluate_trajectory", "evaluate_surface"}
 STAGE_ROOMS = {"preprocess", "rectify", "match", "reconstruct"}
 NODE_PARAMS = {"node_params", "catalogue"}

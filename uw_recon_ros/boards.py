@@ -1,4 +1,4 @@
-"""Boards that a rig is calibrated with: their points, by number, and their name on the command line."""
+"""Boards that a rig is calibrated with: their points, by number."""
 
 from __future__ import annotations
 
@@ -6,11 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from uw_recon_ros.board_kinds import APRILGRID, ASYMMETRIC, CHARUCO, KINDS
 from uw_recon_ros.types import Matrix
 
-CHECKERBOARD, CHARUCO, APRILGRID = "checkerboard", "charuco", "aprilgrid"
-CIRCLES, ASYMMETRIC = "circles", "asymmetric-circles"
-KINDS = (CHECKERBOARD, CHARUCO, APRILGRID, CIRCLES, ASYMMETRIC)
 _MARKER_SHARE = {CHARUCO: 0.75, APRILGRID: 1 / 1.3}  # of a square: usual prints
 
 
@@ -76,11 +74,6 @@ class Board:
             return flat
         corners = self.marker_side_m * np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
         return (flat[:, None, :] + corners).reshape(-1, 3)
-
-    @property
-    def size_m(self) -> float:
-        """Diagonal of all points, m."""
-        return float(np.linalg.norm(np.ptp(self.points(), axis=0)))
 
     def __str__(self) -> str:
         """As people say it."""

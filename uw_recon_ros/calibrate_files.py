@@ -14,7 +14,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from uw_recon_ros.boards import APRILGRID, CHARUCO, CHECKERBOARD, Board
+from uw_recon_ros.board_kinds import APRILGRID, CHARUCO, CHECKERBOARD
+from uw_recon_ros.boards import Board
 from uw_recon_ros.calibrate.advice import Session, advise, describe
 from uw_recon_ros.calibrate.bundle import SeenPair
 from uw_recon_ros.calibrate.detect import Sighting, find_board, find_checkerboard_size

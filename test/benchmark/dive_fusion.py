@@ -23,7 +23,7 @@ from uw_recon_ros.model.params import DiveModelParams
 from uw_recon_ros.model.work import Task, World
 from uw_recon_ros.simulate import CourseParams, SimulateParams, SurveyDive
 from uw_recon_ros.simulate.params import defaults_on
-from uw_recon_ros.simulate.survey_dive import surface_grid
+from uw_recon_ros.simulate.survey_dive import surface_mesh
 
 _STEP_M = 0.006
 _EVERY = 14  # px between the true points that completeness is judged at
@@ -41,18 +41,6 @@ def dive_of(name: str) -> SurveyDive:
     course, params = DIVES[name]
     chosen = CourseParams(**course)
     return SurveyDive(SimulateParams.from_mapping(defaults_on(chosen.track) | params), chosen)
-
-
-def true_triangles(dive: SurveyDive) -> Any:
-    """(M, 3, 3) of the surface as seen from above."""
-    x, y, z = surface_grid(dive, _STEP_M)
-    rows, columns = z.shape
-    corner = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
-    faces = np.concatenate([
-        np.stack([corner, corner + 1, corner + columns], axis=1),
-        np.stack([corner + 1, corner + columns + 1, corner + columns], axis=1),
-    ])  # fmt: skip
-    return np.stack([*np.meshgrid(x, y), z], axis=-1).reshape(-1, 3), faces
 
 
 def seen_points(dive: SurveyDive, frames: Sequence[DiveFrame]) -> tuple[Any, Any]:
@@ -78,7 +66,7 @@ def row(name: str, frames: list[DiveFrame], folder: Path, params: DiveModelParam
     made = compose(Task(given, folder, params, World()))
     cpu = (time.process_time() - began) / len(frames)
     most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
-    vertices, faces = true_triangles(dive)
+    vertices, faces = surface_mesh(dive, _STEP_M)
     points, single = seen_points(dive, frames)
     mesh = trimesh.load(folder / "mesh.ply", process=False)
     found = surface_errors(np.asarray(mesh.vertices), np.asarray(mesh.faces), vertices, faces, truth_points=points)

@@ -79,7 +79,8 @@ def run(scene: str, water: str, frames: int, size: tuple[int, int]) -> dict[str,
         true_depth = dive.true_depth(index, depth.geometry, *size)
         truth, below = true_sectors(true_depth, depth.geometry)
         nearby, _ = true_sectors(true_depth, depth.geometry, SLACK_M)
-        sectors = find.sectors(depth).ranges
+        around = find.look(depth)
+        sectors = around.sectors().ranges
         padded = np.pad(np.nan_to_num(nearby, nan=np.inf), 1, constant_values=np.inf)
         around = np.minimum(np.minimum(padded[:-2], padded[1:-1]), padded[2:])
         finite = np.isfinite(sectors)
@@ -88,7 +89,7 @@ def run(scene: str, water: str, frames: int, size: tuple[int, int]) -> dict[str,
         close = truth < NEAR_M
         near += int(close.sum())
         seen += int((np.abs(sectors[close] - truth[close]) <= np.maximum(SLACK_M, SHARE * truth[close])).sum())
-        down = find.along_axis(depth)
+        down = around.along_axis()
         errors.append(abs(down.distance - below) / below if down is not None else np.nan)
     return {
         "told": told, "false_percent": 100 * false / max(told, 1),

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from helpers.calibration_scenes import BOARD, rig_of, small_session
 
-from uw_recon_ros.boards import KINDS, Board
+from uw_recon_ros.board_kinds import KINDS
+from uw_recon_ros.boards import Board
 from uw_recon_ros.calibrate.detect import edge_width, find_board, find_checkerboard_size
 from uw_recon_ros.calibrate.markers import find_dictionary
 from uw_recon_ros.calibrate.screen import mirrored

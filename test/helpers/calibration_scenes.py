@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from uw_recon_ros.boards import CHECKERBOARD, Board
+from uw_recon_ros.board_kinds import CHECKERBOARD
+from uw_recon_ros.boards import Board
 from uw_recon_ros.calibrate.bundle import SeenPair
 from uw_recon_ros.calibrate.detect import Sighting
 from uw_recon_ros.calibrate.optics import EXTRINSIC, NAMES, SIDES

@@ -54,6 +54,8 @@ from uw_recon_ros.ros import fastdds, messages  # noqa: E402
 
 LIMIT_S = 300.0  # on hanging; no verdict on speed
 FRAME = "rov_left_optical_frame"
+#: Parameters with which there are obstacles and a range to tell of.
+AUTOPILOT = {"base_frame": "base_link", "obstacle_max_relative_sigma": 1.0}
 
 fastdds.prepare()
 

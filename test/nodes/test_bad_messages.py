@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers import bad_messages as bad
-from helpers.ros_bench import FRAME, LIMIT_S, Bench, color, infos_from_geometry, mono, texture
+from helpers.ros_bench import AUTOPILOT, FRAME, LIMIT_S, Bench, color, infos_from_geometry, mono, texture
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from rclpy.serialization import serialize_message
@@ -231,8 +231,6 @@ COMPANIONS = st.one_of(
     on(st.one_of(bad.bad_images, st.just(bad.SMALLER)), "disparity/status", "rectified/left/image_rect_color"),
 )
 DISPARITY = on(bad.bad_disparities, "disparity")
-#: So that there are obstacles and a range to tell of.
-AUTOPILOT = {"base_frame": "base_link", "obstacle_max_relative_sigma": 1.0}
 ATTACKS: dict[str, tuple[Any, Any, Any, dict[str, Any], Any, int]] = {
     "preprocess raw": (preprocess_node, preprocess_node.PreprocessNode, good_images, {}, RAW, 2000),
     "preprocess compressed": (

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from helpers.ros_bench import FRAME, HEIGHT, WIDTH, Bench, banded_pair, calibration, color, infos
+from helpers.ros_bench import AUTOPILOT, FRAME, HEIGHT, WIDTH, Bench, banded_pair, calibration, color, infos
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
@@ -23,8 +23,6 @@ from uw_recon_ros.types import StereoPair
 
 SECOND = 1_000_000_000
 LEFT, RIGHT = banded_pair()
-#: So that there are obstacles and a range to tell of.
-AUTOPILOT = {"base_frame": "base_link", "obstacle_max_relative_sigma": 1.0}
 LIMITS = {"min_disparity": 0, "max_disparity": 24}
 FOUR = (PreprocessNode, RectifyNode, DisparityNode, PointCloudNode)
 

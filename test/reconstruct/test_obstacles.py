@@ -35,7 +35,7 @@ def direction(sectors, index: int) -> float:
 
 
 def test_a_wall_ahead_is_as_far_in_each_sector_as_geometry_says() -> None:
-    sectors = finder(obstacle_field_deg=60.0).sectors(depth_map(wall(2.0)))
+    sectors = finder(obstacle_field_deg=60.0).look(depth_map(wall(2.0))).sectors()
     assert (sectors.frame_id, sectors.stamp_ns, len(sectors.ranges)) == ("base_link", 7, 12)
     for index, distance in enumerate(sectors.ranges):
         nearest = abs(direction(sectors, index)) - sectors.step_rad / 2
@@ -45,7 +45,7 @@ def test_a_wall_ahead_is_as_far_in_each_sector_as_geometry_says() -> None:
 def test_left_is_left_and_beside_it_is_unknown() -> None:
     depth = np.full((HEIGHT, WIDTH), np.nan)
     depth[:, :20] = 1.5
-    sectors = finder(obstacle_field_deg=90.0).sectors(depth_map(depth))
+    sectors = finder(obstacle_field_deg=90.0).look(depth_map(depth)).sectors()
     seen = [direction(sectors, i) for i in np.flatnonzero(np.isfinite(sectors.ranges))]
     assert seen
     assert min(seen) > 0.5  # counterclockwise: to the left
@@ -54,7 +54,7 @@ def test_left_is_left_and_beside_it_is_unknown() -> None:
 def test_for_mavros_left_and_right_change_places_and_the_frame_says_so() -> None:
     depth = np.full((HEIGHT, WIDTH), np.nan)
     depth[:, :20] = 1.5
-    ours, theirs = (finder(obstacle_axes=axes).sectors(depth_map(depth)) for axes in ("flu", "frd"))
+    ours, theirs = (finder(obstacle_axes=axes).look(depth_map(depth)).sectors() for axes in ("flu", "frd"))
     np.testing.assert_array_equal(ours.ranges, theirs.ranges[::-1])
     assert (ours.frame_id, theirs.frame_id) == ("base_link", "base_link_frd")
 
@@ -64,34 +64,34 @@ def test_for_mavros_left_and_right_change_places_and_the_frame_says_so() -> None
     [({"camera_x_m": 0.4}, 0.4), ({"camera_x_m": -0.3}, -0.3)],
 )
 def test_distances_are_from_the_base(params: dict[str, float], offset: float) -> None:
-    sectors = finder(obstacle_field_deg=10.0, obstacle_sector_deg=10.0, **params).sectors(depth_map(wall(2.0)))
+    sectors = finder(obstacle_field_deg=10.0, obstacle_sector_deg=10.0, **params).look(depth_map(wall(2.0))).sectors()
     assert sectors.ranges[0] == pytest.approx(2.0 + offset, rel=0.01)
 
 
 def test_what_lies_above_and_below_is_no_obstacle() -> None:
     depth = np.full((HEIGHT, WIDTH), np.nan)
     depth[-20:] = 1.0  # 0.4 to 0.6 m below the camera
-    found = finder(obstacle_min_height_m=-0.3).sectors(depth_map(depth)).ranges
+    found = finder(obstacle_min_height_m=-0.3).look(depth_map(depth)).sectors().ranges
     assert np.isnan(found).all()
-    assert np.isfinite(finder(obstacle_min_height_m=-0.7).sectors(depth_map(depth)).ranges).any()
-    raised = finder(obstacle_min_height_m=-0.3, camera_z_m=0.5).sectors(depth_map(depth)).ranges
+    assert np.isfinite(finder(obstacle_min_height_m=-0.7).look(depth_map(depth)).sectors().ranges).any()
+    raised = finder(obstacle_min_height_m=-0.3, camera_z_m=0.5).look(depth_map(depth)).sectors().ranges
     assert np.isfinite(raised).any()
 
 
 def test_uncertain_depths_and_a_few_pixels_tell_nothing() -> None:
-    assert np.isnan(finder().sectors(depth_map(wall(2.0), sigma=0.2)).ranges).all()
+    assert np.isnan(finder().look(depth_map(wall(2.0), sigma=0.2)).sectors().ranges).all()
     depth = np.full((HEIGHT, WIDTH), np.nan)
     depth[60, 80:83] = 1.0
-    assert np.isnan(finder().sectors(depth_map(depth)).ranges).all()
-    assert finder().along_axis(depth_map(depth)) is None
+    assert np.isnan(finder().look(depth_map(depth)).sectors().ranges).all()
+    assert finder().look(depth_map(depth)).along_axis() is None
 
 
 def test_range_ahead_and_down() -> None:
-    ahead = finder().along_axis(depth_map(wall(2.0), sigma=0.03))
+    ahead = finder().look(depth_map(wall(2.0), sigma=0.03)).along_axis()
     assert ahead is not None
     assert (ahead.distance, ahead.sigma) == (pytest.approx(2.0), pytest.approx(0.03, rel=0.02))
-    assert finder(range_axis="down").along_axis(depth_map(wall(2.0))) is None
-    down = finder(range_axis="down", camera_pitch_deg=90.0).along_axis(depth_map(wall(2.0)))
+    assert finder(range_axis="down").look(depth_map(wall(2.0))).along_axis() is None
+    down = finder(range_axis="down", camera_pitch_deg=90.0).look(depth_map(wall(2.0))).along_axis()
     assert down is not None
     assert down.distance == pytest.approx(2.0)
 
@@ -103,7 +103,7 @@ def test_a_slanted_camera_measures_the_height_over_a_level_floor() -> None:
     rays = np.stack([(u - WIDTH / 2) / FOCAL, (v - HEIGHT / 2) / FOCAL, np.ones_like(u, float)], axis=-1)
     down = -(rays @ base_from_optical(params).T)[..., 2]
     depth = np.where(down > 0.05, 1.2 / np.maximum(down, 0.05), np.nan)
-    found = FindObstacles(params).along_axis(depth_map(depth))
+    found = FindObstacles(params).look(depth_map(depth)).along_axis()
     assert found is not None
     assert found.distance == pytest.approx(1.2, rel=1e-3)
 
@@ -119,9 +119,8 @@ def test_the_mounting_turns_as_rep_103_says() -> None:
 
 def test_without_a_scale_there_is_nothing_to_tell() -> None:
     unscaled = depth_map(wall(2.0), geometry=GEOMETRY.unscaled)
-    for tell in (finder().sectors, finder().along_axis):
-        with pytest.raises(ValueError, match="expected a metric"):
-            tell(unscaled)
+    with pytest.raises(ValueError, match="expected a metric"):
+        finder().look(unscaled)
 
 
 @given(

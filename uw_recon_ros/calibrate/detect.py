@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_recon_ros.boards import APRILGRID, ASYMMETRIC, CHARUCO, CHECKERBOARD, Board
+from uw_recon_ros.board_kinds import APRILGRID, ASYMMETRIC, CHARUCO, CHECKERBOARD
+from uw_recon_ros.boards import Board
 from uw_recon_ros.calibrate.markers import find_aprilgrid, find_charuco
 from uw_recon_ros.types import ByteImage, Matrix
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_recon_ros.boards import CHECKERBOARD, CIRCLES, Board
+from uw_recon_ros.board_kinds import CHECKERBOARD, CIRCLES
+from uw_recon_ros.boards import Board
 from uw_recon_ros.calibrate.bundle import LEAST_HELD_OUT, Bundle, SeenPair, adjust, rms_px, unseen_residuals
 from uw_recon_ros.calibrate.detect import Sighting
 from uw_recon_ros.calibrate.guess import guess_rig

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from uw_recon_ros.boards import APRILGRID, CHARUCO, Board
+from uw_recon_ros.board_kinds import APRILGRID, CHARUCO
+from uw_recon_ros.boards import Board
 from uw_recon_ros.calibrate.bundle import SeenPair
 from uw_recon_ros.calibrate.detect import Sighting, find_board
 from uw_recon_ros.calibrate.fit import LeftOut

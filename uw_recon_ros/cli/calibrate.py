@@ -5,11 +5,10 @@ from __future__ import annotations
 import argparse
 import re
 
+from uw_recon_ros.board_kinds import CHECKERBOARD, KINDS
 from uw_recon_ros.cli.common import OK, UsageError, warn
 from uw_recon_ros.progress import Progress, say
 
-#: As `boards.KINDS`, which needs numpy; a test compares them.
-KINDS = ("checkerboard", "charuco", "aprilgrid", "circles", "asymmetric-circles")
 HELP = "calibrate a stereo rig with a board"
 DESCRIPTION = (
     "Pairs of pictures of a board (stills, bags or videos, as survey takes them) to left.yaml, right.yaml, "
@@ -22,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what it takes."""
     parser.add_argument("input", help="folder with the stills of both cameras (left/, right/), a bag, or videos")
     parser.add_argument("-o", "--output", required=True, metavar="DIR", help="folder to fill; index.html shows it all")
-    parser.add_argument("--board", choices=KINDS, default=KINDS[0], help="(default %(default)s)")
+    parser.add_argument("--board", choices=KINDS, default=CHECKERBOARD, help="(default %(default)s)")
     parser.add_argument(
         "--size", metavar="CxR",
         help="inner corners of a checkerboard (default: found), squares of ChArUco, tags, or circles: columns x rows",

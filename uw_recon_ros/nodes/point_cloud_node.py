@@ -86,8 +86,9 @@ def publish_obstacles(outputs: Outputs, diagnostics: Diagnostics, find: FindObst
     placed = bool(find.params.base_frame)
     diagnostics.say(obstacles="published" if placed else _NO_BASE)  # no warning: recorders listen to everything
     if placed:
-        outputs.send("obstacles", lambda: scan_message(find.sectors(depth)))
-        if outputs.wanted("range") and (seen := find.along_axis(depth)) is not None:
+        around = find.look(depth)
+        outputs.send("obstacles", lambda: scan_message(around.sectors()))
+        if outputs.wanted("range") and (seen := around.along_axis()) is not None:
             outputs.send("range", lambda: range_message(seen))
 
 

@@ -86,16 +86,68 @@ class ObstacleParams(Params):
 
 
 @dataclass(frozen=True, eq=False)
-class _Seen:
-    """Trusted points: (N, 3) from the camera in the base's directions, and (N,) standard deviation along the ray, m."""
+class Surroundings:
+    """The trusted points of one depth map, as the vehicle sees them.
+
+    Parameters
+    ----------
+    offsets : (N, 3) float64
+        From the left camera, in the directions of the base, m.
+    sigma : (N,) float64
+        Standard deviation along the ray, m.
+    fewest : int
+        Points that must agree on a distance.
+    min_range, max_range : float
+        m; what may be told.
+    stamp_ns : int
+    params : ObstacleParams
+    """
 
     offsets: Floats
     sigma: Floats
+    fewest: int
+    min_range: float
+    max_range: float
+    stamp_ns: int
+    params: ObstacleParams
+
+    def sectors(self) -> Sectors:
+        """The nearest trusted surface in each sector."""
+        p = self.params
+        points = self.offsets + np.array([p.camera_x_m, p.camera_y_m, p.camera_z_m])
+        points = points[(points[:, 2] >= p.obstacle_min_height_m) & (points[:, 2] <= p.obstacle_max_height_m)]
+        number = round(p.obstacle_field_deg / p.obstacle_sector_deg)
+        step = np.deg2rad(p.obstacle_field_deg) / number
+        first = -np.deg2rad(p.obstacle_field_deg) / 2
+        clockwise = p.obstacle_axes == "frd"
+        bearing = np.arctan2(-points[:, 1] if clockwise else points[:, 1], points[:, 0])
+        sector = np.floor((bearing - first) / step).astype(np.int64)
+        inside = (sector >= 0) & (sector < number)
+        flat = np.hypot(points[:, 0], points[:, 1])
+        ranges = nearest_agreed(flat[inside], sector[inside], number, self.fewest)
+        frame = p.base_frame + "_frd" if clockwise else p.base_frame
+        return Sectors(ranges, first + step / 2, step, self.min_range, self.max_range, self.stamp_ns, frame)
+
+    def along_axis(self) -> AxisRange | None:
+        """The distance along the axis; None where nothing trusted lies in the cone."""
+        p = self.params
+        along = self.offsets @ np.array(_AXES[p.range_axis])
+        cone = np.deg2rad(p.range_cone_deg)
+        inside = along > np.cos(cone / 2) * np.linalg.norm(self.offsets, axis=1)
+        along, sigma = along[inside], self.sigma[inside]
+        (nearest,) = nearest_agreed(along, np.zeros(len(along), np.int64), 1, self.fewest)
+        if not np.isfinite(nearest):
+            return None
+        agreeing = (along >= nearest) & (along <= nearest * (1 + _AGREEMENT))
+        return AxisRange(
+            float(nearest), float(np.median(sigma[agreeing])), float(cone), self.min_range, self.max_range,
+            self.stamp_ns, p.base_frame,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class FindObstacles:
-    """Obstacles and range of one depth map. Pure: the same input gives the same bits.
+    """What an autopilot is told of one depth map. Pure: the same input gives the same bits.
 
     Parameters
     ----------
@@ -108,8 +160,8 @@ class FindObstacles:
     min_range: float = 0.1
     max_range: float = 20.0
 
-    def sectors(self, depth: DepthMap) -> Sectors:
-        """The nearest trusted surface in each sector.
+    def look(self, depth: DepthMap) -> Surroundings:
+        """Take of a depth map what is trusted.
 
         Parameters
         ----------
@@ -121,50 +173,18 @@ class FindObstacles:
         ValueError
             The scale is unknown.
         """
-        p, seen = self.params, self._seen(depth)
-        points = seen.offsets + np.array([p.camera_x_m, p.camera_y_m, p.camera_z_m])
-        points = points[(points[:, 2] >= p.obstacle_min_height_m) & (points[:, 2] <= p.obstacle_max_height_m)]
-        number = round(p.obstacle_field_deg / p.obstacle_sector_deg)
-        step = np.deg2rad(p.obstacle_field_deg) / number
-        first = -np.deg2rad(p.obstacle_field_deg) / 2
-        clockwise = p.obstacle_axes == "frd"
-        bearing = np.arctan2(-points[:, 1] if clockwise else points[:, 1], points[:, 0])
-        sector = np.floor((bearing - first) / step).astype(np.int64)
-        inside = (sector >= 0) & (sector < number)
-        flat = np.hypot(points[:, 0], points[:, 1])
-        frame = p.base_frame + "_frd" if clockwise else p.base_frame
-        ranges = nearest_agreed(flat[inside], sector[inside], number, self._fewest(depth))
-        return Sectors(ranges, first + step / 2, step, self.min_range, self.max_range, depth.stamp_ns, frame)
-
-    def along_axis(self, depth: DepthMap) -> AxisRange | None:
-        """The distance along the axis; None where nothing trusted lies in the cone. Raises as `sectors`."""
-        p, seen = self.params, self._seen(depth)
-        along = seen.offsets @ np.array(_AXES[p.range_axis])
-        cone = np.deg2rad(p.range_cone_deg)
-        inside = along > np.cos(cone / 2) * np.linalg.norm(seen.offsets, axis=1)
-        along, sigma = along[inside], seen.sigma[inside]
-        (nearest,) = nearest_agreed(along, np.zeros(len(along), np.int64), 1, self._fewest(depth))
-        if not np.isfinite(nearest):
-            return None
-        agreeing = (along >= nearest) & (along <= nearest * (1 + _AGREEMENT))
-        return AxisRange(
-            float(nearest), float(np.median(sigma[agreeing])), float(cone), self.min_range, self.max_range,
-            depth.stamp_ns, p.base_frame,
-        )  # fmt: skip
-
-    def _fewest(self, depth: DepthMap) -> int:
-        return max(1, round(self.params.obstacle_min_share * depth.depth.size))
-
-    def _seen(self, depth: DepthMap) -> _Seen:
         if not depth.geometry.metric:
             raise ValueError("obstacles and range: expected a metric depth map, got one of unknown scale")
+        p = self.params
         with np.errstate(invalid="ignore"):
-            trusted = depth.sigma <= np.float32(self.params.obstacle_max_relative_sigma) * depth.depth
+            trusted = depth.sigma <= np.float32(p.obstacle_max_relative_sigma) * depth.depth
         points = points_from_depth(depth.depth, depth.geometry)[trusted].astype(np.float64)
         lengths = np.linalg.norm(points, axis=1)
         near = (lengths >= self.min_range) & (lengths <= self.max_range)
         along_ray = depth.sigma[trusted][near] / depth.depth[trusted][near] * lengths[near]
-        return _Seen(points[near] @ base_from_optical(self.params).T, along_ray)
+        fewest = max(1, round(p.obstacle_min_share * depth.depth.size))
+        offsets = points[near] @ base_from_optical(p).T
+        return Surroundings(offsets, along_ray, fewest, self.min_range, self.max_range, depth.stamp_ns, p)
 
 
 #: Distances within this share of the nearest one agree with it.

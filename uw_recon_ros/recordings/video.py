@@ -55,7 +55,6 @@ class Video:
             raise BagError(f"{path}: expected pictures of up to {_LARGEST_PIXELS} px, got no size or a larger one")
         self._recent: deque[tuple[int, Any]] = deque(maxlen=_KEPT)
         self._frames: Iterator[Any] | None = None
-        self._turns: int | None = None
 
     def times(self) -> list[tuple[int, int]]:
         """Stamp (ns from the first) and presentation time (the file's unit) of every frame; nothing is decoded.

@@ -14,7 +14,7 @@ from uw_recon_ros.rectify.port import PortCamera, through_flat_ports
 from uw_recon_ros.rectify.rectification import Rectification, behind, exchanged
 from uw_recon_ros.rectify.rectified_camera import RectifiedCamera, Views
 from uw_recon_ros.rectify.refraction_check import PortIndex, port_index
-from uw_recon_ros.rectify.rows import RowAgreement, not_checked
+from uw_recon_ros.rectify.rows import RowAgreement, not_checked, scale_withheld
 from uw_recon_ros.rectify.stereo_info import judged_rig
 from uw_recon_ros.rectify.tie_points import TiePoints
 from uw_recon_ros.rectify.warp import inner_windows, make_canvas
@@ -121,9 +121,13 @@ def judged(rectification: Rectification, tie_points: TiePoints, params: RectifyP
         warnings=_of_calibration(rectification) + findings,
         medium=medium,
     )
-    withheld = any(finding.code == Code.RECTIFY_SCALE_WITHHELD for finding in findings)
-    geometry = rectification.geometry
-    return replace(rectification, quality=quality, geometry=geometry.unscaled if withheld else geometry)
+    return _with_what_is_told(rectification, quality)
+
+
+def _with_what_is_told(rectification: Rectification, quality: RectificationQuality) -> Rectification:
+    """The rectification with its quality; without metres where the warnings take them away."""
+    geometry = rectification.geometry.unscaled if scale_withheld(quality.warnings) else rectification.geometry
+    return replace(rectification, quality=quality, geometry=geometry)
 
 
 def _medium(
@@ -169,9 +173,7 @@ def unjudged(rectification: Rectification, why: str, code: Code | None = None) -
     """
     findings = not_checked(why, code)
     quality = replace(rectification.quality, warnings=_of_calibration(rectification) + findings)
-    withheld = any(finding.code == Code.RECTIFY_SCALE_WITHHELD for finding in findings)
-    geometry = rectification.geometry
-    return replace(rectification, quality=quality, geometry=geometry.unscaled if withheld else geometry)
+    return _with_what_is_told(rectification, quality)
 
 
 def _marked(rectification: Rectification, findings: tuple[Finding, ...]) -> Rectification:

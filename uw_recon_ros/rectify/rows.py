@@ -7,6 +7,7 @@ does not. So a smooth surface is fitted to the row errors, and what it leaves is
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -110,6 +111,11 @@ def not_checked(why: str = "no tie points", code: Code | None = None) -> tuple[F
     told = "metres withheld: both images are rich in features and share hardly any: noise, or not the same scene"
     advice = "look whether left and right are of one pair"
     return (finding, Finding(Code.RECTIFY_SCALE_WITHHELD, told, Severity.UNRELIABLE, advice))
+
+
+def scale_withheld(findings: Iterable[Finding]) -> bool:
+    """Whether any of the findings takes the metres away."""
+    return any(finding.code == Code.RECTIFY_SCALE_WITHHELD for finding in findings)
 
 
 def row_noise(errors: Matrix, left: Matrix, right: Matrix, size: int) -> float:

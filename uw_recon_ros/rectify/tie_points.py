@@ -116,13 +116,13 @@ def find_tie_points(pair: EnhancedPair, params: RectifyParams, *, longest_side: 
     right, _ = _reduced(_even_contrast(continued(pair.right_matching, hidden_right)), side)
     points_left, descriptors_left = find_features(left, params, _reduced_mask(hidden_left, left))
     points_right, descriptors_right = find_features(right, params, _reduced_mask(hidden_right, right))
-    if min(len(points_left), len(points_right)) < params.tie_points_min:
+    fewest = min(len(points_left), len(points_right))
+    if fewest < params.tie_points_min:
         raise EstimationError(
             f"tie points: expected at least {params.tie_points_min} features a camera, got {len(points_left)} left and "
             f"{len(points_right)} right: the images show too little texture",
             Code.RECTIFY_TIE_POINTS,
         )
-    fewest = min(len(points_left), len(points_right))
     index_left, index_right = mutual_matches(descriptors_left, descriptors_right, params.tie_ratio)
     matches = TiePoints(
         to_full_size(points_left[index_left], left, pair.left),

@@ -156,17 +156,11 @@
       this.draw();
     }
 
-    // The page scrolls until the map has been clicked.
     wheel(event) {
-      if (document.activeElement !== this.canvas && !event.ctrlKey) {
-        this.root.classList.add("hinting");
-        clearTimeout(this.hinting);
-        this.hinting = setTimeout(() => this.root.classList.remove("hinting"), 1200);
-        return;
-      }
-      event.preventDefault();
+      const turned = globalThis.uwWheel(this, event);
+      if (turned === null) return;
       const { x, y } = this.at(event);
-      this.zoomBy(Math.exp(-Math.max(-60, Math.min(60, event.deltaY)) * 0.003), x, y);
+      this.zoomBy(Math.exp(-turned), x, y);
     }
 
     hover(event) {

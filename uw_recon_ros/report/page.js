@@ -1,4 +1,16 @@
 "use strict";
+// The page scrolls until the view has been clicked: what the wheel then asks of it, or nothing but the hint to click.
+globalThis.uwWheel = (view, event) => {
+  if (document.activeElement !== view.canvas && !event.ctrlKey) {
+    view.root.classList.add("hinting");
+    clearTimeout(view.hinting);
+    view.hinting = setTimeout(() => view.root.classList.remove("hinting"), 1200);
+    return null;
+  }
+  event.preventDefault();
+  return Math.max(-60, Math.min(60, event.deltaY)) * 0.003;
+};
+
 // Small comforts: pictures open large, before/after sliders, light and dark.
 (() => {
   const dialog = document.getElementById("zoom"), large = dialog.querySelector("img"), words = dialog.querySelector("p");

@@ -120,16 +120,10 @@
       this.draw();
     }
 
-    // The page scrolls until the view has been clicked.
     wheel(event) {
-      if (document.activeElement !== this.canvas && !event.ctrlKey) {
-        this.root.classList.add("hinting");
-        clearTimeout(this.hinting);
-        this.hinting = setTimeout(() => this.root.classList.remove("hinting"), 1200);
-        return;
-      }
-      event.preventDefault();
-      this.camera.zoom(Math.exp(Math.max(-60, Math.min(60, event.deltaY)) * 0.003));
+      const turned = globalThis.uwWheel(this, event);
+      if (turned === null) return;
+      this.camera.zoom(Math.exp(turned));
       this.draw();
     }
 

@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_recon_ros.boards import APRILGRID, CHARUCO, CHECKERBOARD, Board
+from uw_recon_ros.board_kinds import APRILGRID, CHARUCO, CHECKERBOARD
+from uw_recon_ros.boards import Board
 from uw_recon_ros.simulate.rig import Pose, Rig, pixel_directions, project, rotation_about
 from uw_recon_ros.types import ByteImage, CameraModel, FloatImage, Mask, Matrix
 

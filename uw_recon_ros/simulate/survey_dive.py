@@ -10,6 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import trimesh
+from numpy.typing import NDArray
 
 from uw_recon_ros.files.atomic import write_bytes
 from uw_recon_ros.simulate.bottom import make_bottom, moved, without_movers
@@ -20,7 +21,7 @@ from uw_recon_ros.simulate.params import CourseParams, SimulateParams
 from uw_recon_ros.simulate.rig import Pose
 from uw_recon_ros.simulate.scene import Scene
 from uw_recon_ros.trajectory import Trajectory, pose_matrix, trajectory_of
-from uw_recon_ros.types import FloatImage, Matrix, StereoCalibration, StereoGeometry
+from uw_recon_ros.types import FloatImage, Matrix, StereoCalibration
 
 _SURFACE_STEP_M = 0.01
 
@@ -65,12 +66,6 @@ class SurveyDive(Dive):
         c = self.course.course
         return told(self.calibration, self.params.axis, c.told_disparity_offset_px, c.told_focal_percent)
 
-    @property
-    def told_geometry(self) -> StereoGeometry:
-        """Of the rectified views as the rig is told; their right images show the disparity's error."""
-        focal = self.geometry.focal_px * (1 + self.course.course.told_focal_percent / 100)
-        return replace(self.geometry, focal_px=focal)
-
     def true_trajectory(self) -> Trajectory:
         """Of the left optical frame, at the frames that arrive."""
         poses = [self.pose(k) for k in self.taken()]
@@ -101,6 +96,12 @@ def told(true: StereoCalibration, axis: str, offset_px: float, focal_percent: fl
 
 def write_surface(path: str | Path, dive: SurveyDive, step_m: float = _SURFACE_STEP_M) -> None:
     """Write what lies below the track as it is seen from above: a PLY mesh, world coordinates, without movers."""
+    mesh = trimesh.Trimesh(*surface_mesh(dive, step_m), process=False)
+    write_bytes(path, bytes(mesh.export(file_type="ply")))
+
+
+def surface_mesh(dive: SurveyDive, step_m: float) -> tuple[Matrix, NDArray[np.int64]]:
+    """(N, 3) vertices, m, and (M, 3) triangles of what lies below the track, as it is seen from above."""
     x, y, z = surface_grid(dive, step_m)
     rows, columns = z.shape
     corner = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
@@ -108,9 +109,7 @@ def write_surface(path: str | Path, dive: SurveyDive, step_m: float = _SURFACE_S
         np.stack([corner, corner + 1, corner + columns], axis=1),
         np.stack([corner + 1, corner + columns + 1, corner + columns], axis=1),
     ])  # fmt: skip
-    points = np.stack([*np.meshgrid(x, y), z], axis=-1).reshape(-1, 3)
-    mesh = trimesh.Trimesh(points, faces, process=False)
-    write_bytes(path, bytes(mesh.export(file_type="ply")))
+    return np.stack([*np.meshgrid(x, y), z], axis=-1).reshape(-1, 3), faces
 
 
 def surface_grid(dive: SurveyDive, step_m: float) -> tuple[Matrix, Matrix, Matrix]:

@@ -19,7 +19,7 @@ from uw_recon_ros.preprocess.stage import Preprocess
 from uw_recon_ros.reconstruct.stage import Reconstruct
 from uw_recon_ros.rectify.params import RectifyParams
 from uw_recon_ros.rectify.rectification import Rectification
-from uw_recon_ros.rectify.rows import RowAgreement, not_checked
+from uw_recon_ros.rectify.rows import RowAgreement, not_checked, scale_withheld
 from uw_recon_ros.rectify.seam import torn
 from uw_recon_ros.rectify.stage import Rectify
 from uw_recon_ros.rectify.tie_points import find_tie_points
@@ -49,7 +49,7 @@ class WatchedRectify:
         """Rectify one pair; without metres where its rows are too far off."""
         params, rectification = self._rectify.params, self._rectification
         self.rows, found = watch_rows(enhanced, rectification, params)
-        if any(finding.code == Code.RECTIFY_SCALE_WITHHELD for finding in found):
+        if scale_withheld(found):
             rectification = replace(rectification, geometry=rectification.geometry.unscaled)
         self.findings = together(enhanced, rectification, found)
         return self._rectify(enhanced, rectification)
