@@ -248,7 +248,7 @@ def test_rows_that_disagree_are_told_and_metres_withheld(
     assert (report["reliable"], report["scale"]) == (False, "unknown")
     assert {"rectify.rows_disagree", "rectify.scale_withheld"} <= {w["code"] for w in report["warnings"]}
     assert not (out / "depth.tiff").exists()
-    assert "UNRELIABLE: rows disagree" in capsys.readouterr().err
+    assert "UNRELIABLE: vertical (epipolar) error" in capsys.readouterr().err
     assert 'class="alarm"' in (out / "index.html").read_text()
 
 

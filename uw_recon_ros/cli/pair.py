@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
     rectification, matching = report["rectification"], report["matching"]
     median = rectification["row_error_median_px"]
     say(
-        f"{args.output}/index.html: epipolar (row) error {'not known' if median is None else f'{median:.2f} px'}, "
+        f"{args.output}/index.html: vertical (epipolar) error {'not known' if median is None else f'{median:.2f} px'}, "
         f"density {matching['density']:.0%}, scale {report['scale']}"
         f"{'' if report['reliable'] else ', NOT RELIABLE: see the warnings'}"
     )

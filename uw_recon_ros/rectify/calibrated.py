@@ -149,7 +149,8 @@ def _medium(
 
 def _in_air(found: PortIndex, params: RectifyParams) -> Finding:
     text = (
-        f"calibrated in air, used in water? rows disagree by {found.row_error_at_one_px:.1f} px (median, their common "
+        f"calibrated in air, used in water? "
+        f"vertical (epipolar) error is {found.row_error_at_one_px:.1f} px (median, their common "
         f"shift apart); a focal length {found.index:.2f} times as long, as water behind flat ports makes it, leaves "
         f"{found.row_error_px:.1f} px: depth would be about {1 - 1 / found.index:.0%} short"
     )

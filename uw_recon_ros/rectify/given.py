@@ -47,7 +47,7 @@ def doubts(left: ByteImage, right: ByteImage, min_disparity: int) -> tuple[Findi
     median = float(np.median(np.abs(v)))
     if median <= _ROWS_PX:
         return ()
-    text = f"not rectified? rows disagree by {median:.1f} px (median of {len(found)} tie points)"
+    text = f"not rectified? vertical (epipolar) error is {median:.1f} px (median of {len(found)} tie points)"
     return (Finding(Code.RECTIFY_ROWS_DISAGREE, text, Severity.UNRELIABLE, "rectify them, as `pair` does"),)
 
 

@@ -90,7 +90,7 @@ class RectifyParams(Params):
     tie_points_min: int = param(25, "Fewest tie points from which a rectification is estimated.", low=12, high=10_000)
     tie_points_max: int = param(2000, "Most tie points an estimate uses, spread over the image.", low=50, high=20_000)
     tie_held_out: float = param(
-        0.25, "Share of the tie points left out of the fit, to measure the row error.", low=0.05, high=0.5
+        0.25, "Share of the tie points held out of the fit, to measure the epipolar error.", low=0.05, high=0.5
     )
     rig_prior_weight: float = param(
         1.0,
@@ -100,14 +100,16 @@ class RectifyParams(Params):
     )
     given_limit_px: float = param(
         0.5,
-        "Median row error up to which uncalibrated images may count as rectified already; 0 = always rectify.",
+        "Median vertical (epipolar) error up to which uncalibrated images may count as rectified already; "
+        "0 = always rectify.",
         unit="px",
         low=0.0,
         high=5.0,
     )
     row_error_limit_permille: float = param(
         2.5,
-        "Largest 95th percentile of an estimate's row error, in thousandths of the diagonal (2 px at 640x480); above, "
+        "Largest 95th percentile of an estimate's vertical (epipolar) error, in thousandths of the diagonal "
+        "(2 px at 640x480); above, "
         "above 2 px and above what the tie points' noise explains, it is refused.",
         low=0.05,
         high=100.0,
@@ -121,7 +123,8 @@ class RectifyParams(Params):
     )
     row_unreliable_permille: float = param(
         0.4,
-        "Median row error of a calibrated pair, in thousandths of the image's diagonal, over which it is marked "
+        "Median vertical (epipolar) error of a calibrated pair, in thousandths of the image's diagonal, over which "
+        "it is marked "
         "unreliable (0.32 px at 640x480); never less than row_unreliable_noise allows.",
         low=0.05,
         high=20.0,
@@ -134,7 +137,8 @@ class RectifyParams(Params):
     )
     row_withhold_permille: float = param(
         2.5,
-        "Median row error, in thousandths of the diagonal, over which no metres are given out (2 px at 640x480).",
+        "Median vertical (epipolar) error, in thousandths of the diagonal, over which no metres are given out "
+        "(2 px at 640x480).",
         low=0.05,
         high=100.0,
     )
@@ -151,9 +155,9 @@ class RectifyParams(Params):
     lock_frames: int = param(10, "Frames of tie points gathered before the rig's geometry is locked.", low=1, high=1000)
     lock_points: int = param(600, "Tie points gathered before the rig's geometry is locked.", low=25, high=100_000)
     watch_interval: int = param(
-        5, "Every which frame the row error is watched once the geometry is locked.", low=1, high=10_000
+        5, "Every which frame the vertical (epipolar) error is watched once the geometry is locked.", low=1, high=10_000
     )
     drift_limit_px: float = param(
-        1.0, "Median row error over which a locked rig counts as moved.", unit="px", low=0.1, high=20.0
+        1.0, "Median vertical (epipolar) error over which a locked rig counts as moved.", unit="px", low=0.1, high=20.0
     )
     drift_patience: int = param(3, "Watched frames in a row that must show the drift.", low=1, high=1000)

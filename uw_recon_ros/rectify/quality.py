@@ -166,7 +166,7 @@ def refusals(
     reasons: list[Finding] = []
     if not p95 <= limit:
         text = (
-            f"rows disagree: expected a 95th percentile of the row error up to {limit:.2f} px, got "
+            f"vertical (epipolar) error: expected a 95th percentile up to {limit:.2f} px, got "
             f"{p95:.2f} px (median {median:.2f} px, {len(tie_points)} tie points)"
         )
         reasons.append(Finding(Code.RECTIFY_ROWS_DISAGREE, text, Severity.REFUSED))

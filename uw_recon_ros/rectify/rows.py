@@ -82,7 +82,7 @@ class RowAgreement:
 
     def _disagreement(self, params: RectifyParams) -> Finding:
         text = (
-            f"rows disagree by {self.median_px:.2f} px (median of {self.points} tie "
+            f"vertical (epipolar) error is {self.median_px:.2f} px (median of {self.points} tie "
             f"points), expected up to {self.limit_px(params):.2f} px (their noise is {self.noise_px:.2f} px)"
         )
         advice = (
@@ -93,7 +93,8 @@ class RowAgreement:
 
     def _withholding(self, params: RectifyParams) -> Finding:
         text = (
-            f"metres withheld: rows disagree by {self.median_px:.2f} px, over {self.withhold_px(params):.2f} px the "
+            f"metres withheld: vertical (epipolar) error is {self.median_px:.2f} px, "
+            f"over {self.withhold_px(params):.2f} px the "
             "calibration gives no scale"
         )
         return Finding(Code.RECTIFY_SCALE_WITHHELD, text, Severity.UNRELIABLE, "calibrate this rig, in water")
@@ -104,7 +105,10 @@ def not_checked(why: str = "no tie points", code: Code | None = None) -> tuple[F
 
     Two images that are rich and share nothing give no metres: whatever is matched there is chance.
     """
-    text = f"row error not checked: {' '.join(why.split())}; whether the calibration fits these images is not known"
+    text = (
+        f"vertical (epipolar) error not checked: {' '.join(why.split())}; whether the calibration fits these images is "
+        "not known"
+    )
     finding = Finding(Code.RECTIFY_NOT_CHECKED, text, Severity.WARN, "look at pairs with more texture")
     if code != Code.RECTIFY_NOTHING_IN_COMMON:
         return (finding,)

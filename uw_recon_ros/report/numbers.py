@@ -98,8 +98,8 @@ def rectification_rows(quality: RectificationQuality) -> Rows:
     sigma = quality.shape_sigma_percent
     return [
         ("Method", quality.method),
-        ("Row error, median", measured(quality.row_error_median_px, "px")),
-        ("Row error, 95th percentile", measured(quality.row_error_p95_px, "px")),
+        ("Vertical (epipolar) error, median", measured(quality.row_error_median_px, "px")),
+        ("Vertical (epipolar) error, 95th percentile", measured(quality.row_error_p95_px, "px")),
         ("Tie points that agree", f"{quality.inliers}"),
         *([("Medium, by the rows", quality.medium)] if quality.medium else []),
         *([("Uncertainty of relative depths", f"{sigma:.1f} %")] if math.isfinite(sigma) else []),

@@ -101,7 +101,7 @@ def _summary(
         ("Median depth", _median_depth(depth)),
     ]
     if not np.isnan(rectified.quality.row_error_median_px):
-        facts.insert(1, ("Row error, median", measured(rectified.quality.row_error_median_px, "px")))
+        facts.insert(1, ("Vertical (epipolar) error, median", measured(rectified.quality.row_error_median_px, "px")))
     if truth is not None:
         facts.append(("Depth error, median", measured(depth_errors(depth, truth).median, depth_unit(depth))))
     if seconds:

@@ -105,7 +105,7 @@ def _summary(made: dict[str, Any], rows: list[Row], ok: list[Row]) -> Summary:
     facts = [
         ("frames reconstructed", f"{len(ok)} of {len(rows)}"),
         ("density, median", percent(_middle(made["density"]))),
-        ("epipolar (row) error, median", number(_middle(made["row_error_median_px"]), "px")),
+        ("vertical (epipolar) error, median", number(_middle(made["row_error_median_px"]), "px")),
         ("depth, median", number(_middle(made["depth_p50"]), unit)),
         ("a frame takes", number(_median([row["seconds"] for row in ok]), "s")),
     ]
@@ -164,7 +164,7 @@ def _charts(rows: list[Row], x: list[float], label: str, made: dict[str, Any]) -
     low, high = _column(rows, "depth_p05"), _column(rows, "depth_p95")
     lines = [
         Line("Density", "%", x, [100 * value for value in _column(rows, "density")], top=100.0),
-        Line("Row error, median of each frame's tie points", "px", x, _column(rows, "row_error_median_px")),
+        Line("Vertical (epipolar) error, each frame's median", "px", x, _column(rows, "row_error_median_px")),
         Line("Depth: median, 5 to 95 %", _unit(made), x, _column(rows, "depth_p50"), low, high),
         Line("Time a frame took", "s", x, _column(rows, "seconds")),
     ]
