@@ -136,7 +136,7 @@ class Code(str, Enum):
     REGION_NOISE = "region.noise"
     REGION_TORN = "region.torn"
 
-    # the way of a dive
+    # the trajectory of a dive
     TRACK_AMBIGUOUS = "track.ambiguous"
     TRACK_BRIDGED = "track.bridged"
     TRACK_GRAVITY_UNKNOWN = "track.gravity_unknown"

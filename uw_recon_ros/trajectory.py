@@ -1,4 +1,4 @@
-"""The way of a dive: a pose a frame, how sure each is, and how it came about."""
+"""The trajectory of a dive: a pose a frame, its covariance, and how it came about."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ class Trajectory:
         )  # fmt: skip
 
     def turned(self, rotation: Matrix | Sequence[Sequence[float]]) -> Trajectory:
-        """The way of another frame with the same origin: `rotation` (3, 3) is camera <- that frame.
+        """The trajectory in another frame with the same origin: `rotation` (3, 3) is camera <- that frame.
 
         ``trajectory.turned(geometry.rect_from_raw_left)`` is that of the camera's own, unrectified optical frame.
         """

@@ -131,7 +131,10 @@ def _held_out(bundle: Bundle, held: HeldOut | None) -> Iterator[Finding]:
         text = "too few pairs to leave some out of the fit: how well the calibration predicts was not checked"
         yield Finding(Code.CALIBRATE_HELD_OUT, text, Severity.WARN, "take eight pairs or more")
     elif held.rms_px > _WORSE * bundle.rms_px:
-        text = f"pairs left out of the fit miss by {held.rms_px:.2f} px, those in it by {bundle.rms_px:.2f} px"
+        text = (
+            f"reprojection error of pairs left out of the fit: {held.rms_px:.2f} px, of those in it: "
+            f"{bundle.rms_px:.2f} px"
+        )
         yield Finding(Code.CALIBRATE_HELD_OUT, text, Severity.WARN, "the fit follows its own noise: take more pairs")
 
 
@@ -159,7 +162,8 @@ def _residuals(bundle: Bundle, pairs: Sequence[SeenPair], size: tuple[int, int])
             by_chance = bundle.noise_px * np.sqrt(2 * float((1 / counts[known]).mean()))
             if length > by_chance + _SYSTEMATIC * bundle.noise_px:
                 text = (
-                    f"{name} image: points are missed by {length:.2f} px in the same direction over whole parts of the "
+                    f"{name} image: reprojection error of {length:.2f} px in the same direction over whole parts of "
+                    "the "
                     f"image, by chance {by_chance:.2f}"
                 )
                 advice = "is the board flat, the lens as modelled, are both cameras triggered together?"

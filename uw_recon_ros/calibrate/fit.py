@@ -174,11 +174,12 @@ def _named(pair: SeenPair, bundle: Bundle, index: int, points: Matrix) -> LeftOu
     alone = max(_alone(bundle, index, pair, side, points) for side in ("left", "right"))
     if alone < _SINGLE_FITS * together:
         reason = (
-            f"not taken at one moment? points miss by {together:.2f} px (others {usual:.2f}), in either camera alone "
+            f"not taken at one moment? reprojection error {together:.2f} px (others {usual:.2f}), in either camera "
+            "alone "
             f"by at most {alone:.2f}"
         )
         return LeftOut(pair.name, reason, Code.CALIBRATE_UNSYNCHRONISED)
-    return LeftOut(pair.name, f"points miss by {together:.2f} px (others {usual:.2f})", Code.CALIBRATE_OUTLIER)
+    return LeftOut(pair.name, f"reprojection error {together:.2f} px (others {usual:.2f})", Code.CALIBRATE_OUTLIER)
 
 
 def _alone(bundle: Bundle, index: int, pair: SeenPair, side: str, points: Matrix) -> float:

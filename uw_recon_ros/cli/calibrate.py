@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what it takes."""
     parser.add_argument("input", help="folder with the stills of both cameras (left/, right/), a bag, or videos")
     parser.add_argument("-o", "--output", required=True, metavar="DIR", help="folder to fill; index.html shows it all")
-    parser.add_argument("--board", choices=KINDS, default=CHECKERBOARD, help="(default %(default)s)")
+    parser.add_argument("--board", choices=KINDS, default=CHECKERBOARD, help="kind of board (default %(default)s)")
     parser.add_argument(
         "--size", metavar="CxR",
         help="inner corners of a checkerboard (default: found), squares of ChArUco, tags, or circles: columns x rows",
@@ -30,10 +30,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--square-mm", type=float, default=0.0, metavar="MM",
         help="side of a square, or from tag to tag, or from circle to circle; without it nothing is in metres",
     )  # fmt: skip
-    parser.add_argument("--marker-mm", type=float, default=0.0, metavar="MM", help="side of a marker (default: usual)")
-    parser.add_argument("--dictionary", default="", metavar="NAME", help="of the markers, e.g. DICT_5X5_250 (found)")
-    parser.add_argument("--medium", choices=("water", "air", "unknown"), default="unknown", help="around the board")
-    parser.add_argument("--most-pairs", type=int, default=150, metavar="N", help="looked at (default %(default)s)")
+    parser.add_argument(
+        "--marker-mm",
+        type=float,
+        default=0.0,
+        metavar="MM",
+        help="side of a marker (default: the usual share of a square)",
+    )
+    parser.add_argument(
+        "--dictionary", default="", metavar="NAME", help="dictionary of the markers, e.g. DICT_5X5_250 (default: found)"
+    )
+    parser.add_argument(
+        "--medium",
+        choices=("water", "air", "unknown"),
+        default="unknown",
+        help="medium between camera housing and board",
+    )
+    parser.add_argument(
+        "--most-pairs",
+        type=int,
+        default=150,
+        metavar="N",
+        help="pairs searched for the board at most, spread over the input (default %(default)s)",
+    )
     parser.add_argument("--overwrite", action="store_true", help="replace files of an earlier run")
 
 
@@ -56,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
     at_1_m = next((e["mean_percent"] for e in report["depth_errors"] if e["range_m"] == 1.0), None)
     depth = "not known" if at_1_m is None else f"{at_1_m:.2g} %"
     say(
-        f"{args.output}/index.html: {len(report['pairs'])} pairs, points miss by {report['rms_px']:.2f} px, depth "
+        f"{args.output}/index.html: {len(report['pairs'])} pairs, reprojection error {report['rms_px']:.2f} px, depth "
         f"error at 1 m {depth}{'' if report['reliable'] else ', NOT RELIABLE: see the warnings'}"
     )
     return OK

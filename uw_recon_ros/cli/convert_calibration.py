@@ -22,11 +22,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what it takes."""
     parser.add_argument("calibration", nargs="+", metavar="FILE", help="a file, a folder, a tarball; or left and right")
     parser.add_argument("-o", "--output", required=True, metavar="FILE")
-    parser.add_argument("--form", choices=FORMS, default="ros", help="to write (default %(default)s)")
+    parser.add_argument("--form", choices=FORMS, default="ros", help="form to write (default %(default)s)")
     parser.add_argument(
-        "--size", type=_size, metavar="WxH", help="of the images: where the file does not say, or to scale to"
+        "--size", type=_size, metavar="WxH", help="image size: where the file does not say, or to scale to"
     )
-    parser.add_argument("--unit", choices=("m", "cm", "mm", "in"), help="of lengths, where the file does not say")
+    parser.add_argument("--unit", choices=("m", "cm", "mm", "in"), help="unit of lengths, where the file does not say")
 
 
 def _size(text: str) -> tuple[int, int]:

@@ -12,7 +12,8 @@ from uw_recon_ros.progress import say
 
 HELP = "compare a disparity map with the ground truth"
 DESCRIPTION = (
-    "A table on standard error, JSON on standard output; bad-x is the share of pixels, in percent, "
+    "Compare a disparity map with the ground truth: a table on standard error, JSON on standard output; bad-x is the "
+    "share of pixels, in percent, "
     "whose error is over x px."
 )
 EPILOG = None

@@ -11,7 +11,7 @@ from uw_recon_ros.progress import say
 
 HELP = "compare a dive's model with the ground truth"
 DESCRIPTION = (
-    "Errors of the way and of the surface against what uw_recon simulate --track ... --truth left: a table on standard "
+    "Errors of trajectory and surface against what uw_recon simulate --track ... --truth left: a table on standard "
     "error, JSON on standard output."
 )
 EPILOG = None

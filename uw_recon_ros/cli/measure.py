@@ -24,17 +24,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("input", help="folder of pair, folder of survey --write model, or one kept frame")
     parser.add_argument("quantity", choices=("length", "height", "area"))
     parser.add_argument("points", nargs="+", metavar="U,V", help="pixels of the rectified left picture")
-    parser.add_argument("--frame", default="", metavar="NAME", help="of a survey")
+    parser.add_argument("--frame", default="", metavar="NAME", help="which frame, where the input is a survey")
     parser.add_argument("--plane", nargs="+", metavar="U,V", help="corners of the plane that heights are measured from")
     parser.add_argument(
-        "--click-px", type=float, default=1.0, metavar="PX", help="how well points are hit (%(default)s)"
+        "--click-px",
+        type=float,
+        default=1.0,
+        metavar="PX",
+        help="standard deviation of a click, px (default %(default)s)",
     )
-    parser.add_argument("--calibration-report", metavar="FILE", help="calibration.json, for its part of the error")
+    parser.add_argument(
+        "--calibration-report",
+        metavar="FILE",
+        help="calibration.json of calibrate: its covariance becomes part of every error",
+    )
     parser.add_argument(
         "--known-length", nargs=3, metavar=("MM", "U,V", "U,V"),
-        help="metres from a length known in the picture instead of from the rig",
+        help="take the scale from a known length between two pixels instead of from the baseline",
     )  # fmt: skip
-    parser.add_argument("--known-sigma-mm", type=float, default=0.0, metavar="MM", help="how well that is known")
+    parser.add_argument(
+        "--known-sigma-mm", type=float, default=0.0, metavar="MM", help="standard deviation of that length"
+    )
     parser.add_argument("-o", "--output", metavar="FILE", help=".json or .csv; else JSON on standard output")
 
 

@@ -11,7 +11,7 @@ from uw_recon_ros.progress import say
 
 HELP = "fuse a survey into one surface model with maps"
 DESCRIPTION = (
-    "Of a survey that was made with --write model: where the vehicle was, one coloured surface and maps, in DIR/model/."
+    "Fuse a survey made with --write model into one model, in SURVEY_DIR/model/: trajectory, textured surface, maps."
 )
 EPILOG = "Exit code: 0 the model was made; 1 it was not, one line says why; 2 wrong usage; 70 a fault of ours."
 

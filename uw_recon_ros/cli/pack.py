@@ -14,8 +14,8 @@ EPILOG = None
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what it takes."""
     parser.add_argument("--left", required=True, metavar="GLOB", help="left images, quoted: 'left/*.png'")
-    parser.add_argument("--right", required=True, metavar="GLOB")
-    parser.add_argument("-o", "--output", required=True, metavar="BAG")
+    parser.add_argument("--right", required=True, metavar="GLOB", help="right images, quoted: 'right/*.png'")
+    parser.add_argument("-o", "--output", required=True, metavar="BAG", help="folder of the bag to make")
     add_calibration(parser)
     parser.add_argument("--rate", type=float, default=2.0, metavar="HZ", help="pairs per second (default %(default)s)")
 

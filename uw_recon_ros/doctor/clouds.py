@@ -78,6 +78,6 @@ def check_listeners(seen: Observation) -> list[Check]:
     if listeners:
         found.append(ok("listeners", f"{', '.join(sorted(listeners))} listen to the clouds"))
     else:
-        text = "nobody but this doctor listens to the clouds: the nodes rest until somebody does"
+        text = "nobody but this doctor listens to the clouds: no subscribers: the nodes stay idle"
         found.append(warn("listeners", text, f"subscribe, e.g. RViz to {topics[0].name}"))
     return found

@@ -1,1 +1,1 @@
-"""Where the vehicle was: the whole way of a dive from its frames."""
+"""The trajectory: where the vehicle was, estimated from all frames of a dive."""

@@ -246,7 +246,8 @@ def _findings(
         found.append(Finding(Code.TRACK_BRIDGED, text))
     if counts[PoseStatus.PREDICTED]:
         text = (
-            f"{counts[PoseStatus.PREDICTED]} frames seen nowhere: put between their neighbours, not to be measured by"
+            f"{counts[PoseStatus.PREDICTED]} frames related to no other: interpolated between their neighbours, "
+            "do not measure in them"
         )
         found.append(Finding(Code.TRACK_PREDICTED, text, Severity.UNRELIABLE))
     if segments > 1:
@@ -280,7 +281,7 @@ def _prior_findings(priors: Sequence[Priors], missed: Sequence[Matrix], *, uprig
 
 def _rig_finding(rig: RigFinding, applied: RigError) -> Finding:
     text = (
-        f"the rig's told calibration is off: disparity by {-rig.error.offset_px:+.3f} px "
+        f"the given calibration is off: disparity by {-rig.error.offset_px:+.3f} px "
         f"(sigma {rig.offset_sigma_px:.3f}), "
         f"focal length by {-100 * rig.error.focal:+.2f} % (sigma {100 * rig.focal_sigma:.2f})"
     )

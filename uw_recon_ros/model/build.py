@@ -72,7 +72,7 @@ def build_model(request: Request, tell: Tell) -> dict[str, Any]:
     if is_built(request.survey) and not request.overwrite:
         raise ModelError(f"{place}: holds a model already: --overwrite makes it anew", Code.MODEL_EXISTS)
     outside = _outside(request, np.array(shelf.read(0).geometry.rect_from_raw_left))
-    tell(f"{len(shelf.paths)} frames: looking for where the vehicle was")
+    tell(f"{len(shelf.paths)} frames: estimating the trajectory")
     located = estimate_trajectory(shelf.walk(), outside.priors)
     located = replace(
         located, trajectory=replace(located.trajectory, origin=outside.origin),
@@ -235,6 +235,9 @@ def _findings(shelf: Shelf, located: Located, models: list[dict[str, Any]]) -> l
         text = f"{shelf.dropped} frames left out: another scale than the others', or a stamp that does not increase"
         found.append(Finding(Code.MODEL_FRAMES_DROPPED, text))
     if any(model["vertices"] == 0 for model in models):
-        text = "a segment has no surface: every pixel is less sure than max_sigma_m, or parts are smaller than islands"
+        text = (
+            "a segment has no surface: all depths are less certain than max_sigma_m, or all parts have fewer "
+            "triangles than island_faces"
+        )
         found.append(Finding(Code.MODEL_NOTHING, text, Severity.UNRELIABLE))
     return found

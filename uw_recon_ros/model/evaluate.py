@@ -141,7 +141,8 @@ def as_table(found: Mapping[str, Any]) -> str:
     """The figures for people."""
     lines = []
     for s in found["trajectory"]["segments"]:
-        lines.append(f"way of {s['frames']} frames, {s['path_m']:.2f} m: absolute error {1e3 * s['ate_m']:.1f} mm "
+        lines.append(f"trajectory of {s['frames']} frames, {s['path_m']:.2f} m: absolute error "
+        f"{1e3 * s['ate_m']:.1f} mm "
                      f"({s['ate_percent']:.3f} %), scale {100 * (s['scale'] - 1):+.2f} %")  # fmt: skip
     for m in found["surface"]:
         complete = "unknown" if m["completeness_percent"] is None else f"{m['completeness_percent']:.1f} %"

@@ -27,7 +27,7 @@ _MOST_POINTS = 4000  # of a track
 _STATUS = {
     PoseStatus.TRACKED: ((60, 170, 90), "tracked by features"),
     PoseStatus.BRIDGED: ((240, 160, 30), "bridged by the bottom's shape alone"),
-    PoseStatus.PREDICTED: ((211, 55, 58), "put between its neighbours: nothing was seen"),
+    PoseStatus.PREDICTED: ((211, 55, 58), "interpolated between its neighbours: related to no frame"),
     PoseStatus.GIVEN: ((90, 120, 220), "given from outside"),
 }
 
@@ -122,7 +122,10 @@ def _sections(part: Part, way: Trajectory, *, alone: bool) -> Iterator[Section]:
         _layer("Views", shown.views, "frames", "viridis", "frames that saw the place"),
     ]
     overlay = Overlay(layers, list(tracks_of(way, part.entry["segment"])), upright=True)
-    text = "The line is the left camera's way. Sigma and Views show how sure the surface is, and how often it was seen."
+    text = (
+        "The line is the left camera's trajectory. Sigma shows the surface's standard deviation, Views how many "
+        "frames saw it."
+    )
     yield Section(f"Surface{name}", text, surface=shown.surface, overlay=overlay)
     yield Section(f"Map{name}", "", map=map_of(composed.overview, unit))
 
@@ -167,7 +170,7 @@ def _frames(way: Trajectory, made: dict[str, Any]) -> Section:
         ("Frames left out", str(counts["dropped"])),
         ("Places seen again (loops), of so many tried", f"{found['loops']} of {found['loops_tried']}"),
         ("Loops that did not fit the others", str(found["loops_dropped"])),
-        ("Uncertainty of the last frame's place, relative to the first", _last_sigma(way)),
+        ("Uncertainty of the last frame's position, relative to the first", _last_sigma(way)),
     ]
     return Section("Where the vehicle was", "", rows=rows)
 

@@ -16,14 +16,15 @@ class DiveModelParams(Params):
     )
     max_sigma_m: float = param(
         0.0,
-        "Pixels less sure than this are left out; 0: 1.2 voxels, at least twice the dive's median.",
+        "Pixels whose depth has a larger standard deviation are left out; 0: 1.2 voxels, at least twice the "
+        "dive's median.",
         unit="m",
         low=0.0,
         high=10.0,
     )
     truncation_sigmas: float = param(
-        3.0, "Reach of a depth before and behind it, three to eight voxels.", unit="sigma of the depth", low=1.0,
-        high=10.0,
+        3.0, "Truncation distance of the signed distances, at least three, at most eight voxels.", low=1.0, high=10.0,
+        unit="sigma of the depth",
     )  # fmt: skip
     min_views: int = param(
         2, "Views that have to see a piece of the surface; 1 keeps the rims that one view alone shows.", low=1, high=100
@@ -51,6 +52,8 @@ class DiveModelParams(Params):
     )  # fmt: skip
     jobs: int = param(1, "Tiles worked on at the same time; what comes out does not depend on it.", low=1, high=256)
     epsg: int = param(0, "EPSG code of the projected system that the poses are in; 0: a local one.", low=0, high=99999)
-    poses_sigma_m: float = param(0.1, "How sure positions in --poses are.", unit="m", low=1e-4, high=1e3)
-    poses_sigma_deg: float = param(2.0, "How sure attitudes in --poses are.", unit="deg", low=0.01, high=180.0)
+    poses_sigma_m: float = param(0.1, "Standard deviation of the positions in --poses.", unit="m", low=1e-4, high=1e3)
+    poses_sigma_deg: float = param(
+        2.0, "Standard deviation of the attitudes in --poses.", unit="deg", low=0.01, high=180.0
+    )
     poses_offset_s: float = param(0.0, "Added to the stamps in --poses.", unit="s", low=-1e9, high=1e9)

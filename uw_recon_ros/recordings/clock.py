@@ -71,7 +71,7 @@ def find_clock(left: Video, right: Video, ours: Marks, theirs: Marks, offset_ns:
         The images do not tell it.
     """
     if offset_ns is not None:
-        return Clock(offset_ns, told=(f"right clock ahead by {offset_ns / 1e9:.3f} s, as told",))
+        return Clock(offset_ns, told=(f"right clock ahead by {offset_ns / 1e9:.3f} s, as given",))
     seconds = min(marks[-1][0] for marks in (ours, theirs)) / 1e9
     if seconds < _SHORTEST_S:
         return Clock(0, told=(f"{seconds:.1f} s tell no clock offset: taken as 0 (--clock-offset SECONDS)",))

@@ -81,8 +81,9 @@ def torn(rectification: Rectification, tie_points: TiePoints) -> tuple[Finding, 
         return ()
     part, good = ("below", seam.above_px) if seam.lower else ("above", seam.below_px)
     text = (
-        f"left or right camera: the image is torn at row {seam.row}: {part} it ({seam.share:.0%} of the image) rows "
-        f"disagree by {max(abs(seam.above_px), abs(seam.below_px)):.1f} px, on the other side by {abs(good):.1f} px"
+        f"left or right camera: the image is torn at row {seam.row}: {part} it ({seam.share:.0%} of the image) the "
+        f"vertical (epipolar) error is {max(abs(seam.above_px), abs(seam.below_px)):.1f} px, on the other side "
+        f"{abs(good):.1f} px"
     )
     return (Finding(Code.REGION_TORN, text, advice="that part is of another moment: look at the transfer"),)
 

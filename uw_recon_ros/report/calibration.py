@@ -54,8 +54,8 @@ def _summary(report: Mapping[str, Any]) -> Summary:
     held = report["held_out"]
     facts = [
         ("Pairs used", f"{len(report['pairs'])} of {len(report['pairs']) + len(report['left_out'])}"),
-        ("Points miss by", f"{report['rms_px']:.2f} px"),
-        ("Held-out pairs miss by", "not checked" if held is None else f"{held['rms_px']:.2f} px"),
+        ("Reprojection error", f"{report['rms_px']:.2f} px"),
+        ("Reprojection error of held-out pairs", "not checked" if held is None else f"{held['rms_px']:.2f} px"),
         ("Baseline", _baseline(report)),
         *((f"Depth error at {e['range_m']:g} m", _percent(e["mean_percent"])) for e in report["depth_errors"]
           if e["range_m"] in (1.0, 3.0)),
@@ -105,8 +105,8 @@ def _advice(report: Mapping[str, Any]) -> Section:
     if held is None:
         return Section("Held-out pairs", "Not checked: there are fewer than eight pairs.")
     rows = [
-        ("Points miss by (pairs that were left out of the fit)", f"{held['rms_px']:.3f} px"),
-        ("Points miss by (all pairs in the fit)", f"{report['rms_px']:.3f} px"),
+        ("Reprojection error (pairs left out of the fit)", f"{held['rms_px']:.3f} px"),
+        ("Reprojection error (all pairs in the fit)", f"{report['rms_px']:.3f} px"),
         ("Lengths across the board, median error", f"{held['length_percent']:.2f} %"),
         ("Lengths across the board, mean signed error", f"{held['length_bias_percent']:+.2f} %"),
     ]
@@ -148,11 +148,19 @@ def _hue(share: float) -> ByteImage:
 def _residuals(points: tuple[Points, Points], size: tuple[int, int], noise: float) -> Section:
     figures = []
     for name, side in zip(("Left image", "Right image"), points, strict=True):
-        caption = f"Mean miss in each part of the image; an arrow of a cell's width is {_arrow_px(noise):.2g} px."
+        caption = (
+            "Mean reprojection error in each part of the image; an arrow of a cell's width is "
+            f"{_arrow_px(noise):.2g} px."
+        )
         figures.append(Figure(_arrows(side, size, noise), name, caption))
     rows, bar = _rows(points, size, noise)
     figures.append(
-        Figure(rows, "Rows, left minus right", "Mean miss across the baseline, where the left camera sees it.", bar)
+        Figure(
+            rows,
+            "Rows, left minus right",
+            "Mean reprojection error across the baseline, where the left camera sees it.",
+            bar,
+        )
     )
     text = (
         "What is left after the fit. Arrows in all directions are noise; arrows that agree over a part of the image "
@@ -227,7 +235,7 @@ def _pairs(report: Mapping[str, Any]) -> Section:
         )
         for pair in report["pairs"]
     ]  # fmt: skip
-    return Section("Pairs", "", rows=rows, header=("pair", "points", "miss by", "tilt", "distance"))
+    return Section("Pairs", "", rows=rows, header=("pair", "points", "reprojection error", "tilt", "distance"))
 
 
 def _left_out(report: Mapping[str, Any], notes: Sequence[str]) -> Section | None:

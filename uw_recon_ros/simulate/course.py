@@ -1,4 +1,4 @@
-"""The way of a longer dive: tracks over a bottom, and what goes wrong on them."""
+"""The course of a longer dive: tracks over a bottom, and what goes wrong on them."""
 
 from __future__ import annotations
 

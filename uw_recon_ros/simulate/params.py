@@ -39,7 +39,7 @@ class SimulateParams(Params):
     axis: str = param("horizontal", "Direction of the baseline; vertical has the second camera below.",
                       choices=("horizontal", "vertical"))  # fmt: skip
     baseline_m: float = param(0.12, "Distance between the cameras.", unit="m", low=0.005, high=2.0)
-    misalignment_deg: float = param(0.7, "How crooked the cameras are mounted.", unit="deg", low=0.0, high=5.0)
+    misalignment_deg: float = param(0.7, "Misalignment of the two cameras.", unit="deg", low=0.0, high=5.0)
     distortion: float = param(0.12, "Barrel distortion of the lenses, -k1.", low=0.0, high=0.3)
     lens_blur_px: float = param(0.5, "Blur of lens and pixel, standard deviation.", unit="px", low=0.0, high=10.0)
     calibrated: bool = param(True, "Whether the bag tells the calibration.")
@@ -93,10 +93,10 @@ class CourseParams(Params):
     blur_px: float = param(12.0, "Length of that smear.", unit="px", low=0.0, high=200.0)
     exposure_step: float = param(0.0, "Jump of the exposure every tenth pair: 0.5 is half as bright again.",
                                  low=0.0, high=4.0)  # fmt: skip
-    movers: int = param(0, "Things that crawl over the bottom.", low=0, high=50)
+    movers: int = param(0, "Animals that crawl over the bottom.", low=0, high=50)
 
     told_disparity_offset_px: float = param(
-        0.0, "Error of the disparity that the told calibration brings.", unit="px", low=-20.0, high=20.0
+        0.0, "Error of the disparity by the calibration in the bag.", unit="px", low=-20.0, high=20.0
     )
-    told_focal_percent: float = param(0.0, "Error of the told focal length.", unit="%", low=-20.0, high=20.0)
+    told_focal_percent: float = param(0.0, "Error of the focal length in the bag.", unit="%", low=-20.0, high=20.0)
     sensors: bool = param(True, "Whether the bag holds IMU, pressure, DVL and GNSS.")
