@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +24,11 @@ from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.pipeline import Pipeline, PipelineParams, Products
 from uw_recon_ros.progress import say
 from uw_recon_ros.recordings.views import both_views
+from uw_recon_ros.report.content import Clickable
 from uw_recon_ros.report.figures import colorize_disparity
 from uw_recon_ros.report.pair import write_pair_page
 from uw_recon_ros.stopwatch import Stopwatch
+from uw_recon_ros.survey.kept_frame import kept_of
 from uw_recon_ros.types import DepthMap, EnhancedPair, StereoPair
 from uw_recon_ros.warm import tell_if_cold
 
@@ -136,9 +139,19 @@ def _write_result(output: Path, result: Products, report: PairReport) -> None:
         write_image(output / "depth.tiff", result.depth.depth)
     write_ply(output / "cloud.ply", result.cloud)
     write_glb(output / "mesh.glb", result.surface)
-    write_pair_page(output / "index.html", result.raw, result.enhanced, result.rectified, result.disparity,
-                    result.depth, result.surface, report)  # fmt: skip
+    write_pair_page(
+        output / "index.html", result.raw, result.enhanced, result.rectified, result.disparity, result.depth,
+        result.surface, report, clickable=_clickable(output.name, result, report),
+    )  # fmt: skip
     _write_json(output / "report.json", report)
+
+
+def _clickable(name: str, result: Products, report: PairReport) -> Clickable:
+    """What `uw_recon measure` reads of this folder: without metres no depth is written, and its filter not known."""
+    kept = kept_of(result)
+    if not kept.geometry.metric:
+        kept = replace(kept, disparity=result.disparity.disparity, sigma=result.disparity.sigma)
+    return Clickable(replace(kept, stamp_ns=0), name, reliable=report["reliable"])
 
 
 def _expect_surface(result: Products, left: str | Path, right: str | Path) -> None:

@@ -4,6 +4,8 @@ Along a straight line in space disparity is linear in the image. So disparities 
 is fitted that most of them agree with. Where it holds from end to end, and with what is seen at the ends, it is taken;
 where not, an end on a smooth surface is what is seen there, and an end on a silhouette what the segment shows shortly
 before it: background seen past an edge does not agree, and does not count.
+
+``report/measure_numbers.js`` does the same in pages; a test holds the two together.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ import numpy as np
 
 from uw_recon_ros.errors import EstimationError
 from uw_recon_ros.findings import Code
+from uw_recon_ros.measure.draws import below
 from uw_recon_ros.trajectory import DisparityFrame
 from uw_recon_ros.types import Matrix
 
@@ -180,14 +183,14 @@ def _line_through(t: Matrix, d: Matrix) -> tuple[float, float]:
     """Slope and offset by least squares; level where all lie at one place."""
     if np.ptp(t) < 1:
         return 0.0, float(d.mean())
-    slope, offset = np.polyfit(t, d, 1)
-    return float(slope), float(offset)
+    aside, mean = t - t.mean(), float(d.mean())
+    slope = float(aside @ (d - mean) / (aside @ aside))
+    return slope, mean - slope * float(t.mean())
 
 
 def _most_agreed(t: Matrix, d: Matrix, limit: float) -> tuple[float, float]:
     """Offset and slope of the line through two disparities that most others agree with; the same draws always."""
-    rng = np.random.default_rng(0)
-    one, other = rng.integers(len(t), size=(2, _DRAWS))
+    one, other = below(len(t), 2 * _DRAWS).reshape(2, _DRAWS)
     apart = np.where(np.abs(t[other] - t[one]) < 1, np.inf, t[other] - t[one])
     slopes = (d[other] - d[one]) / apart
     offsets = d[one] - slopes * t[one]

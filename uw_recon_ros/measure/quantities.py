@@ -1,4 +1,7 @@
-"""What can be measured in one view, with its standard deviation."""
+"""What can be measured in one view, with its standard deviation.
+
+``report/measure_numbers.js`` does the same in pages; a test holds the two together.
+"""
 
 from __future__ import annotations
 
@@ -6,18 +9,19 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
-import cv2
 import numpy as np
 
 from uw_recon_ros.errors import EstimationError
 from uw_recon_ros.findings import Code
+from uw_recon_ros.measure.draws import below, normals
 from uw_recon_ros.measure.ends import CORRELATED_PX, End, segment_ends
 from uw_recon_ros.trajectory import DisparityFrame
-from uw_recon_ros.types import Matrix, StereoGeometry
+from uw_recon_ros.types import Mask, Matrix, StereoGeometry
 
 CLICK_PX = 1.0  #: how well people hit a point, standard deviation
 _SPOT_PX = 6  # radius of what stands for a single point
 _PLANE_DRAWS = 300
+_PLANE_MOST = 4000  # disparities that a plane is fitted to
 _CELLS_MOST = 60  # of a patch, each way
 _CELLS_LEAST = 8
 _TILTED_BY_NOISE = 0.1  # slope of a cell that noise alone makes: it adds half its square to an area
@@ -172,17 +176,16 @@ def fit_plane(frame: DisparityFrame, corners: Sequence[tuple[float, float]] | No
     EstimationError
         Fewer than half lie in one plane.
     """
-    known = np.isfinite(frame.disparity) & (_polygon(frame, corners) if corners else True)
+    known = np.isfinite(frame.disparity) & (_polygon(frame, corners) if corners else np.True_)
     v, u = np.nonzero(known)
     if len(u) < 50:
         raise EstimationError(f"plane: expected at least 50 disparities, got {len(u)}", Code.MEASURE_NO_DEPTH)
-    rng = np.random.default_rng(0)
-    chosen = rng.choice(len(u), min(len(u), 4000), replace=False)
+    chosen = below(len(u), _PLANE_MOST) if len(u) > _PLANE_MOST else np.arange(len(u))
     places = np.stack([u, v, np.ones(len(u))], axis=1)[chosen].astype(np.float64)
     d = frame.disparity[v, u][chosen].astype(np.float64)
     limit = max(3 * float(np.nanmedian(frame.sigma[known])), 0.5)
     agreed = np.zeros(len(d), np.bool_)
-    for triple in rng.integers(len(d), size=(_PLANE_DRAWS, 3)):
+    for triple in below(len(d), 3 * _PLANE_DRAWS, _PLANE_MOST).reshape(-1, 3):
         if abs(np.linalg.det(places[triple])) > 1:
             plane = np.linalg.solve(places[triple], d[triple])
             agree = np.abs(places @ plane - d) <= limit
@@ -196,23 +199,31 @@ def fit_plane(frame: DisparityFrame, corners: Sequence[tuple[float, float]] | No
     return np.asarray(fitted, np.float64), share
 
 
-def _polygon(frame: DisparityFrame, corners: Sequence[tuple[float, float]]) -> Matrix:
-    mask = np.zeros(frame.disparity.shape, np.uint8)
-    cv2.fillPoly(mask, [np.rint(np.array(corners)).astype(np.int32)], 1)
-    return mask.astype(np.bool_)
+def _polygon(frame: DisparityFrame, corners: Sequence[tuple[float, float]]) -> Mask:
+    """(H, W) pixels whose middles lie inside: those from which a ray to the left crosses the outline an odd number of
+    times."""
+    height, width = frame.disparity.shape
+    v, u = np.arange(height)[:, None], np.arange(width)[None]
+    inside = np.zeros((height, width), np.bool_)
+    for (u0, v0), (u1, v1) in pairwise([*corners, corners[0]]):
+        if v0 != v1:
+            crossed = u0 + (v - v0) * (u1 - u0) / (v1 - v0)
+            inside ^= ((v0 <= v) != (v1 <= v)) & (crossed < u)
+    return inside
+
+
+def _outline_px(corners: Sequence[tuple[float, float]]) -> float:
+    return float(sum(np.hypot(u1 - u0, v1 - v0) for (u0, v0), (u1, v1) in pairwise([*corners, corners[0]])))
 
 
 def _plane_in_space(geometry: StereoGeometry, plane: Matrix) -> tuple[Matrix, float]:
-    """Unit normal towards the camera and distance of the plane ``n x = distance``."""
-    u0, v0 = geometry.cx_left, geometry.cy
-    base = np.array([[u0, v0], [u0 + 100, v0], [u0, v0 + 100]])
-    if geometry.axis == "vertical":
-        base = base[:, ::-1]
-    a, b, c = (point_of(geometry, u, v, float(plane @ (u, v, 1.0))) for u, v in base)
-    normal = np.cross(b - a, c - a)
-    normal = normal / np.linalg.norm(normal)
-    normal = -normal if normal[2] > 0 else normal
-    return normal, float(normal @ a)
+    """Unit normal towards the camera and distance of the plane ``n x = distance``.
+
+    ``a u + b v + c + offset = f B / Z`` times Z says ``m K x = f B`` with ``m = (a, b, c + offset)``.
+    """
+    normal = (plane + np.array([0.0, 0.0, geometry.offset_px])) @ geometry.intrinsics_left
+    length = float(np.linalg.norm(normal)) * (-1 if normal[2] > 0 else 1)
+    return normal / length, geometry.focal_times_baseline / length
 
 
 def measure_to_plane(
@@ -261,18 +272,18 @@ def measure_patch(
         )
     cells, noise, step = _cells(frame, mask)
     area, flat = _areas(frame.geometry, *cells)
-    rng = np.random.default_rng(0)
-    again = np.array([
-        _areas(frame.geometry, cells[0], cells[1], cells[2] + noise * rng.standard_normal(cells[2].shape))
-        for _ in range(_REPEATS)
-    ])  # fmt: skip
+    again = np.array([_areas(frame.geometry, *cells[:2], cells[2] + noise * _noise(noise, k)) for k in range(_REPEATS)])
     spread, added = again.std(axis=0), again.mean(axis=0) - (area, flat)
     whole = mask.sum() / max(np.isfinite(cells[2]).sum() * step**2, 1)  # edge cells and gaps
-    depth = float(np.nanmedian(frame.geometry.depth_from_disparity(frame.disparity[known])))
-    edge = float(np.sqrt(cv2.arcLength(np.array(corners, np.float32), True) * step) / mask.sum()) * click_px
+    depth = frame.geometry.focal_times_baseline / (float(np.median(frame.disparity[known])) + frame.geometry.offset_px)
+    edge = float(np.sqrt(_outline_px(corners) * step) / mask.sum()) * click_px
     made = _patch_results(frame, corners, (area - added[0], flat - added[1]), spread, whole, edge, depth, calibration)
     cell = step * depth / frame.geometry.focal_px
     return replace(made[0], cell=cell), replace(made[1], cell=cell)
+
+
+def _noise(like: Matrix, turn: int) -> Matrix:
+    return normals(like.size, turn * like.size).reshape(like.shape)
 
 
 def _patch_results(
@@ -293,14 +304,16 @@ def _patch_results(
     )
 
 
-def _cells(frame: DisparityFrame, mask: Matrix) -> tuple[tuple[Matrix, Matrix, Matrix], Matrix, int]:
+def _cells(frame: DisparityFrame, mask: Mask) -> tuple[tuple[Matrix, Matrix, Matrix], Matrix, int]:
     """Middles and mean disparities of square cells, NaN outside, their noise, and their side in px."""
     v, u = np.nonzero(mask)
     top, left = int(v.min()), int(u.min())
     step = _cell_px(frame, mask, max(int(np.ptp(v)), int(np.ptp(u))))
     rows, columns = (int(np.ptp(side)) // step + 1 for side in (v, u))
-    d = np.where(mask, frame.disparity, np.nan)[top : top + rows * step, left : left + columns * step]
-    sigma = frame.sigma[top : top + rows * step, left : left + columns * step]
+    d = np.where(mask, frame.disparity, np.nan).astype(np.float64)[
+        top : top + rows * step, left : left + columns * step
+    ]
+    sigma = frame.sigma[top : top + rows * step, left : left + columns * step].astype(np.float64)
     rows, columns = d.shape[0] // step, d.shape[1] // step
     blocks = [part[: rows * step, : columns * step].reshape(rows, step, columns, step) for part in (d, sigma)]
     known = np.isfinite(blocks[0])
@@ -314,7 +327,7 @@ def _cells(frame: DisparityFrame, mask: Matrix) -> tuple[tuple[Matrix, Matrix, M
     return (grid[0], grid[1], mean.astype(np.float64)), np.nan_to_num(noise) * min(1.0, CORRELATED_PX / step), step
 
 
-def _cell_px(frame: DisparityFrame, mask: Matrix, longest: int) -> int:
+def _cell_px(frame: DisparityFrame, mask: Mask, longest: int) -> int:
     """Side of cells so large that noise tilts them little, and so small that there are some."""
     known = mask & np.isfinite(frame.disparity)
     geometry, disparity = frame.geometry, float(np.median(frame.disparity[known]))

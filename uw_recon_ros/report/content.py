@@ -5,10 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from uw_recon_ros.report.colors import ColorBar
+from uw_recon_ros.trajectory import DisparityFrame
 from uw_recon_ros.types import ByteImage, Matrix, Surface
 
 Reason = tuple[tuple[int, int, int], str, float]
+LARGEST_CLICKABLE = 4_000_000  #: pixels; a page carries up to four bytes for each
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,6 +152,41 @@ class Map:
 
 
 @dataclass(frozen=True, eq=False)
+class Clickable:
+    """A view in which lengths, heights and areas are measured by clicks, as ``uw_recon measure`` does.
+
+    Parameters
+    ----------
+    frame : DisparityFrame
+    name : str
+        Of the frame, as results tell it.
+    calibration : sequence of (range_m, fraction)
+        Relative standard deviation of depth by the calibration; empty: not known.
+    reliable : bool
+    """
+
+    frame: DisparityFrame
+    name: str
+    calibration: Sequence[tuple[float, float]] = ()
+    reliable: bool = True
+
+    @property
+    def shown(self) -> bool:
+        """Whether the page carries it: there is depth, and not more of it than a page can."""
+        return bool(np.isfinite(self.frame.disparity).any()) and self.frame.disparity.size <= LARGEST_CLICKABLE
+
+
+def clicks_section(clickable: Clickable) -> Section:
+    """A section in which people measure."""
+    text = (
+        "In the enhanced left view, as rectified. Each result has its standard deviation, by the disparities, by how "
+        "well clicks hit, and by the calibration where its report was given. Ends on a silhouette are taken from the "
+        "surface that the segment lies on. The numbers are those of uw_recon measure."
+    )
+    return Section("Measure", text, clickable=clickable)
+
+
+@dataclass(frozen=True, eq=False)
 class Section:
     """A heading with text, a 3-D view, a map, figures and a table.
 
@@ -164,6 +203,7 @@ class Section:
     overlay : Overlay
         What the view shows beside it.
     map : Map or None
+    clickable : Clickable or None
     """
 
     title: str = ""
@@ -174,6 +214,7 @@ class Section:
     surface: Surface | None = None
     overlay: Overlay = Overlay()
     map: Map | None = None
+    clickable: Clickable | None = None
 
     @property
     def has_view(self) -> bool:

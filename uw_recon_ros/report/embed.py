@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import zlib
 from typing import Any
 
 import cv2
@@ -11,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros.report.colors import color_table
-from uw_recon_ros.report.content import Layer, Map, Overlay
-from uw_recon_ros.types import ByteImage, Surface
+from uw_recon_ros.report.content import Clickable, Layer, Map, Overlay
+from uw_recon_ros.types import ByteImage, FloatImage, Surface
 
 _JPEG_QUALITY = 88
 _TEXTURE_SIDE = 2048  # px; more than most screens show, and every WebGL2 device takes it
@@ -98,6 +99,37 @@ def map_json(shown: Map) -> str:
         "layers": [cutout_uri(layer.image) for layer in shown.layers], "width": columns, "height": rows,
         "pixel": shown.pixel, "west": shown.west, "north": shown.north, "unit": shown.unit,
     }))  # fmt: skip
+
+
+def clickable_json(shown: Clickable) -> str:
+    """A view to measure in as JSON for ``measure.js``, safe inside a ``<script>`` element.
+
+    Disparities and their sigmas are whole numbers of 16 bits over their range (a thousandth of a px, mostly), deflated.
+    """
+    frame, geometry = shown.frame, shown.frame.geometry
+    height, width = frame.disparity.shape
+    rgb = frame.left if frame.left.ndim == 3 else np.repeat(frame.left[..., None], 3, axis=2)
+    (fx, _, cx), (_, fy, cy), _ = geometry.intrinsics_left.tolist()
+    return script_safe(json.dumps({
+        "name": shown.name, "stamp": str(frame.stamp_ns), "width": width, "height": height,
+        "picture": picture_uri(rgb, max_side=max(width, height)),
+        "disparity": _packed(frame.disparity), "sigma": _packed(frame.sigma),
+        "fx": fx, "fy": fy, "cx": cx, "cy": cy, "focal": geometry.focal_px, "offset": geometry.offset_px,
+        "focalTimesBaseline": geometry.focal_times_baseline, "unit": "m" if geometry.metric else "baselines",
+        "calibration": [list(row) for row in shown.calibration] or None, "reliable": shown.reliable,
+    }))  # fmt: skip
+
+
+_NOTHING = 65535  # a number that stands for NaN
+
+
+def _packed(values: FloatImage) -> dict[str, Any]:
+    known = np.isfinite(values)
+    low, high = (float(values[known].min()), float(values[known].max())) if known.any() else (0.0, 0.0)
+    step = max((high - low) / (_NOTHING - 1), 1e-9)
+    whole = np.rint((np.where(known, values, low).astype(np.float64) - low) / step)
+    data = np.where(known, whole, _NOTHING).astype("<u2")
+    return {"low": low, "step": step, "values": base64.b64encode(zlib.compress(data.tobytes(), 6)).decode()}
 
 
 def script_safe(text: str) -> str:

@@ -6,11 +6,18 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from uw_recon_ros.files.atomic import write_bytes
-from uw_recon_ros.report.content import Figure, Section, Summary
-from uw_recon_ros.report.shell import MAP_SCRIPTS, PAGE_SCRIPTS, VIEW_SCRIPTS, render
+from uw_recon_ros.report.content import Clickable, Figure, Section, Summary
+from uw_recon_ros.report.shell import (
+    MAP_SCRIPTS,
+    MEASURE_SCRIPTS,
+    PAGE_SCRIPTS,
+    PLATE_SCRIPTS,
+    VIEW_SCRIPTS,
+    render,
+)
 from uw_recon_ros.types import Surface
 
-__all__ = ["Figure", "Section", "Summary", "render_page", "write_page"]
+__all__ = ["Clickable", "Figure", "Section", "Summary", "render_page", "write_page"]
 
 
 def write_page(
@@ -44,7 +51,11 @@ def render_page(title: str, summary: Summary, sections: Sequence[Section], surfa
     """
     opening = Section(surface=surface)
     everything = [opening, *sections] if opening.has_view else list(sections)
-    with_view = any(section.has_view for section in everything)
     with_map = any(section.map is not None for section in everything)
-    scripts = PAGE_SCRIPTS + (VIEW_SCRIPTS if with_view else ()) + (MAP_SCRIPTS if with_map else ())
+    with_clicks = any(section.clickable is not None and section.clickable.shown for section in everything)
+    scripts = (
+        *PAGE_SCRIPTS, *(VIEW_SCRIPTS if any(section.has_view for section in everything) else ()),
+        *(PLATE_SCRIPTS if with_map or with_clicks else ()), *(MAP_SCRIPTS if with_map else ()),
+        *(MEASURE_SCRIPTS if with_clicks else ()),
+    )  # fmt: skip
     return render("report/page.html", title=title, summary=summary, sections=everything, scripts=scripts)

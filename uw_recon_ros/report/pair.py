@@ -10,6 +10,7 @@ import numpy as np
 
 from uw_recon_ros.findings import Severity, severe
 from uw_recon_ros.report.colors import ColorBar, colorize, reasons_in, robust_limits
+from uw_recon_ros.report.content import Clickable, clicks_section
 from uw_recon_ros.report.figures import (
     as_byte_rgb,
     colorize_depth,
@@ -44,6 +45,7 @@ def write_pair_page(
     surface: Surface,
     report: Mapping[str, Any] | None = None,
     *,
+    clickable: Clickable | None = None,
     truth: FloatImage | None = None,
     title: str = "Stereo reconstruction",
     lead: str = "",
@@ -59,6 +61,8 @@ def write_pair_page(
         What went in and what every stage made of it.
     report : mapping or None
         Its ``stages_seconds`` (stage name to s) are shown.
+    clickable : Clickable or None
+        To measure in.
     truth : (H, W) float32 or None
         True depth of the left rectified view, unit of `depth`; NaN or inf = unknown.
     title, lead : str
@@ -74,6 +78,7 @@ def write_pair_page(
     """
     seconds = dict((report or {}).get("stages_seconds", {}))
     sections = [
+        *([] if clickable is None else [clicks_section(clickable)]),
         _enhancement(raw, enhanced),
         _rectification(rectified),
         _matching(disparity, depth),

@@ -17,7 +17,7 @@ from jinja2 import Environment, FunctionLoader, StrictUndefined
 from markupsafe import Markup
 
 from uw_recon_ros.report.colors import color_table
-from uw_recon_ros.report.embed import map_json, mesh_json, picture_uri, script_safe
+from uw_recon_ros.report.embed import clickable_json, map_json, mesh_json, picture_uri, script_safe
 
 #: Of every page; names of files are those inside the package.
 PAGE_STYLES = ("report/page.css",)
@@ -25,7 +25,9 @@ PAGE_SCRIPTS = ("report/page.js",)
 VIEW_SCRIPTS = tuple(
     f"report/{name}.js" for name in ("viewer_mesh", "viewer_camera", "viewer_painter", "viewer_notes", "viewer")
 )
+PLATE_SCRIPTS = ("report/plate.js",)
 MAP_SCRIPTS = ("report/map.js",)
+MEASURE_SCRIPTS = ("report/measure_numbers.js", "report/measure.js")
 
 
 @cache
@@ -41,7 +43,7 @@ def _environment() -> Environment:
     )
     made.globals.update(
         picture_uri=picture_uri, color_table=color_table, mesh_json=lambda *shown: Markup(mesh_json(*shown)),
-        map_json=lambda shown: Markup(map_json(shown)),
+        map_json=lambda shown: Markup(map_json(shown)), clickable_json=lambda shown: Markup(clickable_json(shown)),
     )  # fmt: skip
     made.filters["script_json"] = lambda text: Markup(script_safe(text))
     return made

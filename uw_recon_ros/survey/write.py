@@ -16,7 +16,9 @@ from uw_recon_ros.files.disparities import write_pfm
 from uw_recon_ros.files.images import write_image
 from uw_recon_ros.files.laz import write_laz
 from uw_recon_ros.files.meshes import write_glb, write_ply
+from uw_recon_ros.findings import Severity, worst
 from uw_recon_ros.pipeline import Products
+from uw_recon_ros.report.content import Clickable, clicks_section
 from uw_recon_ros.report.figures import colorize_disparity
 from uw_recon_ros.report.page import Summary, render_page
 from uw_recon_ros.survey.kept_frame import kept_name, kept_of, write_kept
@@ -72,10 +74,12 @@ def side_by_side(*images: ByteImage) -> ByteImage:
 
 
 def _view(number: int, products: Products) -> str:
-    """A page with the frame's surface to turn."""
+    """A page with the frame's surface to turn, and its left view to measure in."""
     depth, density = products.depth, products.disparity.density
     facts = [("time stamp", time_of(depth.stamp_ns)), ("density", f"{density:.0%}")]
-    return render_page(f"Frame {number}", Summary(facts=facts), [], products.surface)
+    reliable = worst(products.findings) < Severity.UNRELIABLE
+    clicks = clicks_section(Clickable(kept_of(products), frame_name(number), reliable=reliable))
+    return render_page(f"Frame {number}", Summary(facts=facts), [clicks], products.surface)
 
 
 def time_of(stamp_ns: int) -> str:
