@@ -56,3 +56,15 @@ def test_what_cannot_be_measured_is_one_line(kept: Path, capsys: pytest.CaptureF
     assert main(["measure", str(kept), "length", "40,120", "90,120"]) == 1
     assert main(["measure", str(kept / "a.frame"), "length", "40,120"]) == 2
     assert main(["measure", str(kept / "a.frame"), "length", "a,b", "1,2"]) == 2
+
+
+def test_a_frame_that_the_survey_does_not_rely_on_is_marked(kept: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (kept / "model_frames").mkdir()
+    for name in ("000003", "000004"):
+        (kept / "model_frames" / f"{name}.frame").write_bytes((kept / "a.frame").read_bytes())
+    (kept / "frames.csv").write_text("frame,status,reason\n3,ok,\n4,unreliable,rows disagree\n")
+    for name, reliable in (("000003", True), ("000004", False)):
+        assert main(["measure", str(kept), "length", "40,120", "280,120", "--frame", name]) == 0
+        told = capsys.readouterr()
+        assert json.loads(told.out)[0]["reliable"] is reliable
+        assert ("rows disagree" in told.err) is not reliable

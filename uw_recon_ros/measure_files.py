@@ -26,6 +26,7 @@ from uw_recon_ros.measure.quantities import (
     measure_to_plane,
 )
 from uw_recon_ros.survey.kept_frame import KEPT, kept_name, read_kept
+from uw_recon_ros.survey.store import UNRELIABLE
 from uw_recon_ros.trajectory import DisparityFrame
 from uw_recon_ros.types import StereoGeometry
 
@@ -80,7 +81,16 @@ def _of_survey(path: Path, name: str) -> Opened:
         some = ", ".join(names[:4])
         text = f"--frame: expected one of the {len(names)} frames kept ({some}, ...), got {name or 'nothing'}"
         raise ReconError(text, Code.MEASURE_INPUT)
-    return Opened(name, read_kept(path / kept_name(name)))
+    return Opened(name, read_kept(path / kept_name(name)), _told_of_frame(path / "frames.csv", name))
+
+
+def _told_of_frame(table: Path, name: str) -> tuple[Finding, ...]:
+    """Why the survey does not rely on a frame, where it does not."""
+    if not table.is_file():
+        return ()
+    with table.open(newline="", encoding="utf-8") as stream:
+        rows = [row for row in csv.DictReader(stream) if row["frame"] == str(int(name)) and row["status"] == UNRELIABLE]
+    return tuple(Finding(Code.MEASURE_UNRELIABLE, row["reason"], Severity.UNRELIABLE) for row in rows)
 
 
 def _of_pair(path: Path) -> Opened:

@@ -28,7 +28,6 @@ from uw_recon_ros.report.content import Clickable
 from uw_recon_ros.report.figures import colorize_disparity
 from uw_recon_ros.report.pair import write_pair_page
 from uw_recon_ros.stopwatch import Stopwatch
-from uw_recon_ros.survey.kept_frame import kept_of
 from uw_recon_ros.types import DepthMap, EnhancedPair, StereoPair
 from uw_recon_ros.warm import tell_if_cold
 
@@ -148,7 +147,7 @@ def _write_result(output: Path, result: Products, report: PairReport) -> None:
 
 def _clickable(name: str, result: Products, report: PairReport) -> Clickable:
     """What `uw_recon measure` reads of this folder: without metres no depth is written, and its filter not known."""
-    kept = kept_of(result)
+    kept = result.kept
     if not kept.geometry.metric:
         kept = replace(kept, disparity=result.disparity.disparity, sigma=result.disparity.sigma)
     return Clickable(replace(kept, stamp_ns=0), name, reliable=report["reliable"])

@@ -8,6 +8,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from uw_recon_ros.catalogue import ALL_PARAMS, NODES
 from uw_recon_ros.findings import Finding
 from uw_recon_ros.match.stage import Match, MatchParams
@@ -18,6 +20,7 @@ from uw_recon_ros.reconstruct.stage import Reconstruct, ReconstructParams
 from uw_recon_ros.rectify.stage import Rectify, RectifyParams
 from uw_recon_ros.rectify.tracker import RigTracker
 from uw_recon_ros.stopwatch import Stopwatch
+from uw_recon_ros.trajectory import DisparityFrame
 from uw_recon_ros.types import DepthMap, DisparityMap, EnhancedPair, PointCloud, RectifiedPair, StereoPair, Surface
 
 Announce = Callable[[str], None]
@@ -145,6 +148,14 @@ class Products:
         depth = self.depth
         with self.timed("surface"):
             return self._stages.reconstruct.surface(depth, self.rectified.left)
+
+    @property
+    def kept(self) -> DisparityFrame:
+        """What models are made of, and what is measured in: disparities that the depth filter left."""
+        found = self.disparity
+        there = np.isfinite(self.depth.depth) & np.isfinite(found.disparity)
+        disparity, sigma = (np.where(there, x, np.float32(np.nan)) for x in (found.disparity, found.sigma))
+        return DisparityFrame(self.depth.stamp_ns, self.rectified.left, disparity, sigma, self.depth.geometry)
 
     @property
     def findings(self) -> tuple[Finding, ...]:

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from uw_recon_ros.errors import BagError, ReconError
 from uw_recon_ros.files.atomic import write_bytes
 from uw_recon_ros.files.packed import pack, unpack
-from uw_recon_ros.pipeline import Products
 from uw_recon_ros.trajectory import DisparityFrame
 from uw_recon_ros.types import FloatImage, StereoGeometry
 
@@ -29,14 +28,6 @@ class _Packed:
     sigma: NDArray[np.float16]
     disparity: FloatImage
     geometry: StereoGeometry
-
-
-def kept_of(products: Products) -> DisparityFrame:
-    """What is kept of all that came of a frame."""
-    found = products.disparity
-    there = np.isfinite(products.depth.depth) & np.isfinite(found.disparity)
-    disparity, sigma = (np.where(there, x, np.float32(np.nan)) for x in (found.disparity, found.sigma))
-    return DisparityFrame(products.depth.stamp_ns, products.rectified.left, disparity, sigma, products.depth.geometry)
 
 
 def write_kept(path: str | Path, frame: DisparityFrame) -> None:

@@ -21,7 +21,7 @@ from uw_recon_ros.pipeline import Products
 from uw_recon_ros.report.content import Clickable, clicks_section
 from uw_recon_ros.report.figures import colorize_disparity
 from uw_recon_ros.report.page import Summary, render_page
-from uw_recon_ros.survey.kept_frame import kept_name, kept_of, write_kept
+from uw_recon_ros.survey.kept_frame import kept_name, write_kept
 from uw_recon_ros.survey.output_bag import frame_messages
 from uw_recon_ros.survey.params import SurveyParams
 from uw_recon_ros.survey.store import BAG_PARTS, PREVIEWS, VIEWS, frame_name
@@ -52,7 +52,7 @@ def frame_files(number: int, log_ns: int, products: Products, params: SurveyPara
     if "views" in wanted and len(products.surface.faces):
         files[f"{VIEWS}/{name}.html"] = lambda path: write_bytes(path, _view(number, products).encode())
     if "model" in wanted:
-        files[kept_name(name)] = lambda path: write_kept(path, kept_of(products))
+        files[kept_name(name)] = lambda path: write_kept(path, products.kept)
     if "bag" in wanted:
         topics = params.chosen_topics
         files[f"{BAG_PARTS}/{name}.mcap"] = lambda path: _write_part(path, products, log_ns, topics)
@@ -78,7 +78,7 @@ def _view(number: int, products: Products) -> str:
     depth, density = products.depth, products.disparity.density
     facts = [("time stamp", time_of(depth.stamp_ns)), ("density", f"{density:.0%}")]
     reliable = worst(products.findings) < Severity.UNRELIABLE
-    clicks = clicks_section(Clickable(kept_of(products), frame_name(number), reliable=reliable))
+    clicks = clicks_section(Clickable(products.kept, frame_name(number), reliable=reliable))
     return render_page(f"Frame {number}", Summary(facts=facts), [clicks], products.surface)
 
 
