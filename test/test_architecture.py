@@ -28,6 +28,7 @@ NOUNS |= {
     "topics",
     "trajectory",
     "rigid",
+    "pieces",
     "unseen",
     "sides",
     "boards",

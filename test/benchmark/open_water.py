@@ -1,12 +1,15 @@
 """What is claimed where there is nothing but water, and what is lost where there is something.
 
     python test/benchmark/open_water.py [--efforts navigation balanced quality] [--waters I 3C 7C] [--without]
+                                        [--underwater FOLDER]
 
 Real: the canyon's and the diver's open water (rectangles of the raw left image, drawn by hand), and below them sand or
 rock. Simulated: a rig that looks ahead, so that nearly half of its view is empty; water is what is further than
-`VISIBLE_M` or meets nothing. In percent: pixels of the water with a disparity, and with a depth after the depth filter;
-pixels of surfaces with a disparity; simulated: of these, those more than 1 px wrong. `--without` leaves the rule for
-open water out. The real pairs need ``../shared/data``.
+`VISIBLE_M` or meets nothing. In percent: pixels of the water with a disparity, with a depth after the depth filter, and
+with one of less than half of the nearest surface's (real: of a thousandth of what is found on the ground); pixels of
+surfaces with a disparity; simulated: the same where it is less than 1 px wrong, and what of them is more. `--without`
+leaves the rules for open water out. The real pairs are folders of a left and a right image, in
+``../shared/data/underwater`` or where `--underwater` says.
 """
 
 from __future__ import annotations
@@ -16,6 +19,7 @@ import dataclasses
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -24,6 +28,7 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.match.methods import EFFORTS
 from uw_recon_ros.match.planes import matcher
+from uw_recon_ros.match.planes.open_water import Water
 from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.preprocess.stage import Preprocess
 from uw_recon_ros.reconstruct.stage import Reconstruct
@@ -56,9 +61,10 @@ class View:
     truth: NDArray[np.floating] | None = None
 
 
-def real(name: str) -> View:
+def real(folder: Path) -> View:
     """One of the shared underwater pairs."""
-    left, right = (cv2.imread(str(next((UNDERWATER / name).glob(f"{s}.*"))))[..., ::-1] for s in ("left", "right"))
+    name = folder.name
+    left, right = (cv2.imread(str(next(folder.glob(f"{side}.*"))))[..., ::-1] for side in ("left", "right"))
     enhanced = Preprocess()(StereoPair(np.ascontiguousarray(left), np.ascontiguousarray(right)))
     rig = RigTracker(RectifyParams()).update(enhanced)
     drawn = [_drawn(left, places[name]) for places in (WATER, GROUND)]
@@ -95,10 +101,11 @@ def _inner(mask: Mask) -> Mask:
     return np.asarray(cv2.erode(mask.astype(np.uint8), np.ones((25, 25))) == 1)
 
 
-def views(waters: list[str]) -> Iterator[View]:
+def views(waters: list[str], underwater: Path) -> Iterator[View]:
     """All of them."""
-    for name in WATER if UNDERWATER.is_dir() else ():
-        yield real(name)
+    for name in WATER:
+        if (underwater / name).is_dir():
+            yield real(underwater / name)
     for water in waters:
         yield simulated(water)
     yield simulated("3C", lamp=0.0, daylight=2.0)
@@ -107,17 +114,27 @@ def views(waters: list[str]) -> Iterator[View]:
     yield simulated("3C", texture="weak")
 
 
+COLUMNS = ("view (water, % of it)", "effort", "water: disparity", "water: depth", "water: near", "ground: disparity",
+           "ground: right", "bad-1")  # fmt: skip
+
+
 def measure(view: View, effort: str) -> list[float]:
-    """Water with a disparity, with a filtered depth; ground with a disparity, and of it more than 1 px wrong."""
+    """The numbers of `COLUMNS`, percent."""
     disparity = Match(MatchParams(effort=effort))(view.pair)
     known = np.isfinite(disparity.disparity)
-    depth = Reconstruct().depth(disparity)
-    wrong = float("nan")
+    depth = Reconstruct().depth(disparity).depth
+    right = wrong = float("nan")
+    surface = np.nanquantile(depth[view.ground], 0.001)
     if view.truth is not None:
-        error = np.abs(disparity.disparity - view.truth)[view.ground & known]
-        wrong = 100 * float((error > 1).mean()) if error.size else float("nan")
-    left = np.isfinite(depth.depth)
-    return [*(100 * float(x.mean()) for x in (known[view.water], left[view.water], known[view.ground])), wrong]
+        good = np.abs(disparity.disparity - view.truth) < 1
+        right, wrong = _percent(good[view.ground]), _percent(~good[view.ground & known])
+        surface = np.nanmin(view.pair.geometry.depth_from_disparity(view.truth)[view.ground])
+    shares = [known[view.water], np.isfinite(depth)[view.water], depth[view.water] < surface / 2, known[view.ground]]
+    return [*map(_percent, shares), right, wrong]
+
+
+def _percent(mask: Mask) -> float:
+    return 100 * float(mask.mean()) if mask.size else float("nan")
 
 
 def main() -> int:
@@ -126,14 +143,13 @@ def main() -> int:
     parser.add_argument("--efforts", nargs="+", choices=EFFORTS, default=list(EFFORTS))
     parser.add_argument("--waters", nargs="+", default=["clear", "I", "3C", "5C", "7C"])
     parser.add_argument("--without", action="store_true")
+    parser.add_argument("--underwater", type=Path, default=UNDERWATER, help="folder of the real pairs")
     args = parser.parse_args()
     if args.without:
-        matcher.open_water = lambda left, *_: np.zeros(left.shape[:2], np.bool_)
-    sys.stdout.write(
-        "| view (water, % of it) | effort | water: disparity | water: depth | ground: disparity | bad-1 |\n"
-    )
-    sys.stdout.write("|" + " --- |" * 6 + "\n")
-    for view in views(args.waters):
+        matcher.open_water = lambda left, *_: Water(*np.zeros((2, *left.shape[:2]), np.bool_))
+        matcher.unfounded = lambda disparity, *_: np.zeros(disparity.shape, np.bool_)
+    sys.stdout.write(f"| {' | '.join(COLUMNS)} |\n" + "|" + " --- |" * len(COLUMNS) + "\n")
+    for view in views(args.waters, args.underwater):
         for effort in args.efforts:
             cells = " | ".join(f"{value:.1f}" for value in measure(view, effort))
             sys.stdout.write(f"| {view.name} ({100 * view.water.mean():.0f} %) | {effort} | {cells} |\n")

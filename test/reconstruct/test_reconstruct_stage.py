@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from helpers.reconstruct_scenes import ABOVE, GEOMETRIES, HORIZONTAL, disparity_map, picture, plane_depth, sphere_depth
 
-from uw_recon_ros.reconstruct import cloud, gaps, planes, rasters, speckles
+from uw_recon_ros import pieces
+from uw_recon_ros.reconstruct import cloud, gaps, planes, rasters
 from uw_recon_ros.reconstruct.stage import Reconstruct, ReconstructParams
 from uw_recon_ros.types import Status
 
@@ -151,7 +152,7 @@ def test_a_mono_image_colours_grey():
 def test_after_warming_up_nothing_is_left_to_compile():
     stage = Reconstruct()
     stage.warm_up()
-    kernels = (planes._fit, speckles._label, cloud._number_cells, gaps._close, rasters.misfit, rasters.broken_triangles)
+    kernels = (planes._fit, pieces._label, cloud._number_cells, gaps._close, rasters.misfit, rasters.broken_triangles)
     before = [len(kernel.signatures) for kernel in kernels]
     assert min(before) >= 1
     depth = stage.depth(disparity_map(scene(HORIZONTAL), HORIZONTAL, noise_px=0.2))

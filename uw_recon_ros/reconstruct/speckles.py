@@ -1,11 +1,10 @@
-"""Connected pieces of a disparity map, and the small ones among them."""
+"""The small pieces of a disparity map."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from uw_recon_ros.jit import kernel
+from uw_recon_ros.pieces import label_pieces
 from uw_recon_ros.types import FloatImage, Mask
 
 
@@ -27,41 +26,7 @@ def find_speckles(disparity: FloatImage, max_jump_px: float, min_area_px: int) -
     """
     if min_area_px <= 1:
         return np.zeros(disparity.shape, np.bool_)
-    labels = _label(np.ascontiguousarray(disparity, np.float32), np.float32(max_jump_px))
+    labels = label_pieces(disparity, max_jump_px)
     area = np.bincount(labels.ravel())
     speckles: Mask = (area[labels] < min_area_px) & np.isfinite(disparity)
     return speckles
-
-
-@kernel
-def _root(parent: NDArray[np.int32], index: int) -> int:
-    while parent[index] != index:
-        parent[index] = parent[parent[index]]
-        index = parent[index]
-    return index
-
-
-@kernel
-def _join(parent: NDArray[np.int32], a: int, b: int) -> None:
-    a, b = _root(parent, a), _root(parent, b)
-    if a < b:
-        parent[b] = a
-    else:
-        parent[a] = b
-
-
-@kernel
-def _label(disparity: FloatImage, max_jump: np.float32) -> NDArray[np.int32]:
-    """Union-find over 4-neighbours; a label is the index of the piece's first pixel. NaN joins nothing."""
-    height, width = disparity.shape
-    parent = np.arange(height * width).astype(np.int32)
-    for v in range(height):
-        for u in range(width):
-            here = v * width + u
-            if u > 0 and abs(disparity[v, u] - disparity[v, u - 1]) <= max_jump:
-                _join(parent, here, here - 1)
-            if v > 0 and abs(disparity[v, u] - disparity[v - 1, u]) <= max_jump:
-                _join(parent, here, here - width)
-    for index in range(height * width):
-        parent[index] = _root(parent, index)
-    return parent.reshape(height, width)

@@ -36,12 +36,13 @@ from uw_recon_ros.match.planes.left_right_check import (
     remove_small_segments,
 )
 from uw_recon_ros.match.planes.motion import FrameBefore, move_planes
-from uw_recon_ros.match.planes.open_water import open_water
+from uw_recon_ros.match.planes.open_water import Water, open_water
 from uw_recon_ros.match.planes.proposals import BEFORE, FIT, NEAR, OWN, POINTS, SHAKEN, Sources
 from uw_recon_ros.match.planes.refinement import Pass, disparity_of, refine
 from uw_recon_ros.match.planes.semiglobal import semiglobal_start
 from uw_recon_ros.match.planes.texture import untextured_mask
 from uw_recon_ros.match.planes.threads import row_bands, run_parallel
+from uw_recon_ros.match.planes.unfounded import unfounded
 from uw_recon_ros.types import ByteImage, FloatImage, Mask, Status
 
 VOXEL_BYTES, MOST_BYTES = 5, 1.0e9  #: of the start's cost volume, and what it may take before images are made smaller
@@ -149,12 +150,13 @@ def graph_cut(
     limits = (min_disparity, max_disparity)
     start, status = _start(images, limits, threads)
     shown = images[0].pixels, images[1].pixels
-    blank = untextured_mask(*shown) | open_water(*shown, start, status == 0)
+    water = open_water(*shown, start, status == 0)
+    blank = untextured_mask(*shown) | water.shown
     schedule = SCHEDULES[effort]
     usable, gray = status == 0, images[0].as_bytes()
     if not schedule.passes:
         _leave_out(blank, status)
-        return _result(start, (start, usable), images, status, float("nan"), effort, threads)
+        return _result(start, (start, usable), images, status, water, limits, float("nan"), effort, threads)
     moved = None if before is None else move_planes(before, gray, start, usable)
     state = _planes(*images, start, usable, blank, moved, limits, schedule, seed, threads)
     disparity = np.clip(disparity_of(state.planes), *limits)
@@ -164,7 +166,7 @@ def graph_cut(
     _leave_out(blank, status)
     remove_small_segments(disparity, status)
     value = sum(energy(state)) / schedule.units
-    result = _result(disparity, (start, usable), images, status, value, effort, threads)
+    result = _result(disparity, (start, usable), images, status, water, limits, value, effort, threads)
     return replace(result, frame=FrameBefore(gray, state.planes))
 
 
@@ -322,6 +324,8 @@ def _result(
     start: tuple[FloatImage, Mask],
     images: tuple[_Image, _Image],
     status: ByteImage,
+    water: Water,
+    limits: tuple[int, int],
     value: float,
     effort: str,
     threads: int,
@@ -333,4 +337,6 @@ def _result(
     disparity = np.where(valid, disparity, nan)
     confidence = confidence_of(disparity, sigma, *start, effort)
     sigma = np.where(confidence < DOUBTFUL, np.maximum(sigma, np.float32(DOUBTFUL_SIGMA)), sigma)
-    return GraphCutResult(disparity, sigma, confidence, status, value)
+    lost = unfounded(disparity, confidence, water, limits[0])
+    status[lost] = np.where(water.faint[lost], int(Status.LOW_TEXTURE), int(Status.INCONSISTENT))
+    return GraphCutResult(*(np.where(lost, nan, found) for found in (disparity, sigma, confidence)), status, value)

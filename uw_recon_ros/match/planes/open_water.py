@@ -14,6 +14,8 @@ Where much of the surroundings is such water, being of many pieces is enough: pa
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import cv2
 import numpy as np
 
@@ -31,8 +33,23 @@ NEAR_PX = 1.0  #: from the median around
 MURKY, REACH, ROUNDS = 0.4, 41, 3  #: share of water within this window that makes what is of many pieces water, too
 
 
-def open_water(left: ByteImage, right: ByteImage, start: FloatImage, agreed: Mask) -> Mask:
-    """Pixels of the left view, (H, W) bool, that show water rather than a surface.
+class Water(NamedTuple):
+    """What `open_water` tells, (H, W) bool each.
+
+    Parameters
+    ----------
+    shown
+        Pixels of the left view that show water rather than a surface.
+    faint
+        Where texture is too faint to tell a surface by itself.
+    """
+
+    shown: Mask
+    faint: Mask
+
+
+def open_water(left: ByteImage, right: ByteImage, start: FloatImage, agreed: Mask) -> Water:
+    """Tell water from surfaces; of images too small to judge nothing is said.
 
     Parameters
     ----------
@@ -44,16 +61,17 @@ def open_water(left: ByteImage, right: ByteImage, start: FloatImage, agreed: Mas
         Where both views agree about it.
     """
     if min(left.shape[:2]) < AROUND:
-        return np.zeros(left.shape[:2], np.bool_)
+        return Water(*np.zeros((2, *left.shape[:2]), np.bool_))
     views = mix(left, 0), mix(right, 0)
     variance, noise = _texture_and_noise(*views, start)
     enough = np.interp(noise / noise_floor(*views), SMOOTH, OF_ONE_PIECE)
     scattered = _share_of_one_piece(start, agreed) < enough
-    water = scattered & ~grown_from(variance / np.float32(noise), *FAINT)
+    faint = ~grown_from(variance / np.float32(noise), *FAINT)
+    water = scattered & faint
     for _ in range(ROUNDS if water.any() else 0):
         around = cv2.blur(water.astype(np.float32), (REACH, REACH), borderType=cv2.BORDER_REPLICATE)
         water |= scattered & (around > MURKY)
-    return np.asarray(water)
+    return Water(water, faint)
 
 
 def _share_of_one_piece(start: FloatImage, agreed: Mask) -> FloatImage:
