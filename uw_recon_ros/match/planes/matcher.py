@@ -339,4 +339,5 @@ def _result(
     sigma = np.where(confidence < DOUBTFUL, np.maximum(sigma, np.float32(DOUBTFUL_SIGMA)), sigma)
     lost = unfounded(disparity, confidence, water, limits[0])
     status[lost] = np.where(water.faint[lost], int(Status.LOW_TEXTURE), int(Status.INCONSISTENT))
-    return GraphCutResult(*(np.where(lost, nan, found) for found in (disparity, sigma, confidence)), status, value)
+    disparity, sigma, confidence = (np.where(lost, nan, found) for found in (disparity, sigma, confidence))
+    return GraphCutResult(disparity, sigma, confidence, status, value)

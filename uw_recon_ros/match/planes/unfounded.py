@@ -42,7 +42,7 @@ def unfounded(disparity: FloatImage, confidence: FloatImage, water: Water, least
     """
     known = np.isfinite(disparity)
     labels = label_pieces(disparity, JUMP_PX)
-    area = np.bincount(labels.ravel(), known.ravel().astype(np.float64))
+    area: NDArray[np.float64] = np.bincount(labels.ravel(), known.ravel().astype(np.float64)).astype(np.float64)
     trust = _mean(confidence, known, labels, area)
     doubtful = known & (trust[labels] < LEAST_CONFIDENCE)
     small = known & ~doubtful & (area[labels] < SMALL * disparity.size)
