@@ -95,7 +95,7 @@ def told_in_one_line(capfd: pytest.CaptureFixture[str]) -> str:
     assert len(lines) == 1, text
     assert lines[0].startswith("uw_recon: ")
     assert not FOREIGN.search(lines[0]), lines[0]
-    assert "a fault of ours" not in lines[0], lines[0]
+    assert "internal error" not in lines[0], lines[0]
     assert len(lines[0]) < 1200
     return lines[0]
 
@@ -135,7 +135,7 @@ def test_places_where_nothing_can_be_written(
     told = [line for line in capfd.readouterr().err.splitlines() if line.startswith("uw_recon: ")]
     assert len(told) == 1
     assert not FOREIGN.search(told[0]), told[0]
-    assert "a fault of ours" not in told[0], told[0]
+    assert "internal error" not in told[0], told[0]
 
 
 def test_a_full_disk(good: Path, tmp_path: Path) -> None:
@@ -196,7 +196,7 @@ def test_an_error_nobody_foresaw_is_called_ours(
         monkeypatch.setenv(system_errors.TRACEBACK, "1" if trace else "")
         assert main(["info", "x"]) == cli.OUR_FAULT == 70
         told = capfd.readouterr().err
-        assert "a fault of ours, not of your data (ValueError at test_doors.py:" in told
+        assert "internal error, not a fault of your data (ValueError at test_doors.py:" in told
         assert "please report it" in told
         assert ("Traceback" in told) == trace
 
@@ -229,7 +229,7 @@ def test_a_pair_without_any_depth(tmp_path: Path, capfd: pytest.CaptureFixture[s
     told = [line for line in capfd.readouterr().err.splitlines() if line.startswith("uw_recon: ")]
     assert len(told) == 1
     assert not FOREIGN.search(told[0]), told[0]
-    assert "a fault of ours" not in told[0]
+    assert "internal error" not in told[0]
     assert (out / "report.json").exists()
 
 

@@ -288,7 +288,7 @@ def calibrate_frames(frames: Iterable[Seen], board: Board, *, metric: bool = Tru
 
 def _of_medium(medium: str) -> Iterator[Finding]:
     if medium == "unknown":
-        text = "medium: whether the pictures were taken in water was not told, and holds for the calibration"
+        text = "medium: not given; a calibration is valid only in the medium where its pictures were taken"
         yield Finding(Code.CALIBRATE_MEDIUM, text, Severity.WARN, "--medium water, or air")
     elif medium == "air":
         text = "calibrated in air: behind flat ports in water depths would come out a quarter short"

@@ -28,7 +28,7 @@ class Code(str, Enum):
     IMAGE_IDENTICAL = "image.identical"
     IMAGE_KINDS_DIFFER = "image.kinds_differ"
     IMAGE_SIZES_DIFFER = "image.sizes_differ"
-    INTERNAL = "internal"  #: a fault of ours, not of the data
+    INTERNAL = "internal"  #: a bug, not a fault of the data
     MESSAGE = "message"
     TRAJECTORY = "trajectory"
     YAML = "yaml"

@@ -69,7 +69,7 @@ def our_fault(error: Exception) -> str:
     frames = traceback.extract_tb(error.__traceback__)
     place = f"{Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else "an unknown place"
     return (
-        f"a fault of ours, not of your data ({type(error).__name__} at {place}): "
+        f"internal error, not a fault of your data ({type(error).__name__} at {place}): "
         f"please report it, with the command and what {TRACEBACK}=1 before it prints"
     )
 

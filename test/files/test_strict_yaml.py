@@ -55,8 +55,8 @@ REFUSED = {
     "base: &b {x: 1}\nc: {<<: *b}": "line 2: expected a key of plain text, got '<<'",
     "? [a]\n: b": "line 1: expected a key of plain text, got a collection",
     "a: 99999999999999999999": "line 1: expected an integer of 64 bits",
-    "a: [1\nb: 2": "line 2, column 2: no YAML",
-    'a: "\\U00FFFFFF"': "no YAML",
+    "a: [1\nb: 2": "line 2, column 2: invalid YAML",
+    'a: "\\U00FFFFFF"': "invalid YAML",
     "a: \x00": "expected printable text, got character 3",
     "a: 1\n---\nb: 1": "expected one YAML document, got 2",
 }

@@ -143,7 +143,7 @@ def test_what_cannot_be_played_or_taken_ends_everything_in_one_line(launch: Any,
 
 
 BROKEN = {
-    "no YAML": "a: [",
+    "invalid YAML": "a: [",
     "a list": "[1, 2]",
     "no section": "cloud_voxel: 0.5",
     "nothing of ours": "/**/another_node:\n  ros__parameters: {effort: quality}",

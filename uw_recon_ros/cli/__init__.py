@@ -70,7 +70,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0 done, 1 failed (one line on standard error says what and why), 2 wrong usage, 70 a fault of ours,
+        0 done, 1 failed (one line on standard error says what and why), 2 wrong usage, 70 internal error,
         130 after Ctrl-C.
     """
     try:

@@ -50,7 +50,8 @@ def add_calibration(parser: argparse.ArgumentParser) -> None:
     """The option of a rig's calibration."""
     parser.add_argument(
         "--calibration", action="append", metavar="FILE",
-        help="of the rig, in any form that convert-calibration reads; twice for left and right in files of their own",
+        help="calibration of the rig, in any form that convert-calibration reads; give it twice if left and right "
+        "are in separate files",
     )  # fmt: skip
 
 

@@ -13,7 +13,7 @@ HELP = "fuse a survey into one surface model with maps"
 DESCRIPTION = (
     "Fuse a survey made with --write model into one model, in SURVEY_DIR/model/: trajectory, textured surface, maps."
 )
-EPILOG = "Exit code: 0 the model was made; 1 it was not, one line says why; 2 wrong usage; 70 a fault of ours."
+EPILOG = "Exit code: 0 the model was made; 1 it was not, one line says why; 2 wrong usage; 70 internal error."
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

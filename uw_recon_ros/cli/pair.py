@@ -11,7 +11,7 @@ HELP = "reconstruct one image pair"
 DESCRIPTION = "Reconstruct one stereo pair: enhance, rectify, match, and write depth, point cloud and mesh."
 EPILOG = (
     "Exit code: 0 done, also where the pair is marked unreliable: the last line and report.json (reliable, warnings) "
-    "say so; 1 failed, report.json says where (failed); 2 wrong usage; 70 a fault of ours; 130 after Ctrl-C."
+    "say so; 1 failed, report.json says where (failed); 2 wrong usage; 70 internal error; 130 after Ctrl-C."
 )
 
 

@@ -32,7 +32,7 @@ HELP = "reconstruct whole recordings, offline and resumable"
 DESCRIPTION = "Reconstruct every stereo pair of bags (or folders of stills) into a folder; report.html shows it."
 EPILOG = (
     "Exit code: 0 every chosen pair was reconstructed; 1 some were not (frames.csv says which and why), an input could "
-    "not be read, or nothing could be done; 2 wrong usage; 70 a fault of ours; 130 after Ctrl-C. Unreliable frames "
+    "not be read, or nothing could be done; 2 wrong usage; 70 internal error; 130 after Ctrl-C. Unreliable frames "
     "count as reconstructed: the last line and frames.csv name them. Killed or interrupted, the same command goes on "
     "where it stood."
 )

@@ -202,9 +202,9 @@ def load_all(content: str | bytes) -> list[Any]:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         place = f"line {mark.line + 1}, column {mark.column + 1}" if mark else f"line {line + 1}"
-        raise YamlError(f"{place}: no YAML: look for a bracket, quote, colon or indentation there") from error
+        raise YamlError(f"{place}: invalid YAML: check brackets, quotes, colons and indentation there") from error
     except Exception as error:  # PyYAML's scanner has failures of its own, e.g. chr() of an escape out of range
-        raise YamlError(f"line {line + 1}: no YAML: something there cannot be read") from error
+        raise YamlError(f"line {line + 1}: invalid YAML: something there cannot be read") from error
     return builder.documents
 
 

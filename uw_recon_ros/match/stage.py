@@ -47,29 +47,34 @@ class MatchParams(Params):
     """Parameters of `Match`."""
 
     method: str = param("graph_cut", "Matching method.", choices=METHODS)
-    effort: str = param("balanced", "What graph_cut spends: milliseconds, a moment, many seconds.", choices=EFFORTS)
+    effort: str = param(
+        "balanced",
+        "Effort of graph_cut: navigation takes a tenth of a second, balanced about one, quality many.",
+        choices=EFFORTS,
+    )
     min_disparity: int = param(
         0,
-        "Least disparity searched, inclusive; equal to max_disparity: both from the images.",
+        "Smallest disparity searched, inclusive; equal to max_disparity: both are found from the images.",
         unit="px",
         low=-_WIDEST,
         high=_WIDEST,
     )
     max_disparity: int = param(0, "Greatest disparity searched, inclusive.", unit="px", low=-_WIDEST, high=_WIDEST)
-    kz2_sweeps: int = param(4, "At most so many rounds of expansions over all labels (kz2).", low=1, high=100)
+    kz2_sweeps: int = param(4, "Most rounds of expansions over all labels (kz2).", low=1, high=100)
     match_seed: int = param(
-        0, "Seed of the order in which labels, or of the planes that, are tried.", low=0, high=2**31 - 1
+        0, "Random seed: order of the labels (kz2), choice of the planes (graph_cut).", low=0, high=2**31 - 1
     )
     occlusion_cost: float = param(
         0.0,
-        "What leaving a pixel unmatched costs (K of kz2); 0: from the images.",
+        "Cost of a pixel left unmatched (K of kz2); 0: estimated from the images.",
         unit="squared gray levels",
         low=0,
         high=1e4,
     )
     smoothness: float = param(
         0.0,
-        "What a disparity step costs at an edge; thrice that elsewhere (lambda of kz2); 0: a fifth of occlusion_cost.",
+        "Cost of a disparity step at an edge, three times as much elsewhere (lambda of kz2); 0: a fifth of "
+        "occlusion_cost.",
         unit="squared gray levels",
         low=0,
         high=1e4,
@@ -267,7 +272,7 @@ def _scenes(pair: MatchingPair) -> list[ByteImage]:
         if hidden.mean() > _MOST_UNSEEN:
             raise EstimationError(
                 f"{name} image: expected a scene on at least {1 - _MOST_UNSEEN:.0%} of its pixels, got "
-                f"{1 - hidden.mean():.1%}, the others show nothing: look at camera, cable and transfer",
+                f"{1 - hidden.mean():.1%}, the others show nothing: check camera, cable and transfer",
                 Code.MATCH_NOTHING_SEEN,
             )
         scenes.append(continued(image, hidden))

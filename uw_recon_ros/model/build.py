@@ -80,7 +80,7 @@ def build_model(request: Request, tell: Tell) -> dict[str, Any]:
     )  # fmt: skip
     parts = _parts(located.trajectory)
     if not parts:
-        text = "expected frames that overlap, no two do: more pairs per second, or slower"
+        text = "expected frames that overlap, no two do: record more pairs per second, or move more slowly"
         raise ModelError(f"{request.survey}: {text}", Code.MODEL_NO_OVERLAP)
     try:
         world = _world(located.trajectory, outside.crs)

@@ -184,7 +184,7 @@ def _left_out(topic: str, message: Any, frames: _Frames) -> Finding:
     frame = getattr(message, "child_frame_id", "") or message.header.frame_id
     text = (
         f"{topic}: left out: expected poses in a frame that /tf_static joins to {frames.camera or 'the camera'}, "
-        f"got {frame!r} without; or nothing in it is valid"
+        f"got {frame!r}, which it does not join, or no valid pose"
     )
     return Finding(Code.TRACK_PRIORS_LEFT_OUT, text, advice="record /tf_static, or give poses by --poses")
 

@@ -360,9 +360,9 @@ def _without_holes(border: Mask) -> Mask:
 
 
 _WORDS = {
-    Code.REGION_DEAD: ("shows nothing (one value, or one line repeated)", "look at cable, transfer and port"),
+    Code.REGION_DEAD: ("shows nothing (one value, or one line repeated)", "check cable, transfer and port"),
     Code.REGION_NOISE: ("is noise without a picture", "look at cable and receiver"),
-    Code.REGION_BLANK: ("shows nothing but noise", "look at the port: silt, growth, a hand"),
+    Code.REGION_BLANK: ("shows nothing but noise", "check the port: silt, growth, a hand"),
     Code.REGION_FROZEN: ("is that of the frame before, while the other camera moves on", "look at the transfer"),
 }
 

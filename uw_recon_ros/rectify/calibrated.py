@@ -161,7 +161,8 @@ def _in_air(found: PortIndex, params: RectifyParams) -> Finding:
 def _metres_of_air(index: float) -> Finding:
     return Finding(
         Code.RECTIFY_SCALE_WITHHELD,
-        f"metres withheld: by the rows the calibration was made in air: depth in water is {1 - 1 / index:.0%} short",
+        f"metres withheld: by the vertical (epipolar) error the calibration was made in air, depth in water is "
+        f"{1 - 1 / index:.0%} short",
         Severity.UNRELIABLE,
         "calibrate in water, or say medium: as_used if that was done",
     )

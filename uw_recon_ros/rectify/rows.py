@@ -86,8 +86,8 @@ class RowAgreement:
             f"points), expected up to {self.limit_px(params):.2f} px (their noise is {self.noise_px:.2f} px)"
         )
         advice = (
-            "look whether the pairs are of one moment, the images of the calibration's mode, the rig as it was, "
-            "and the calibration made in water"
+            "check: both images taken at the same time? the resolution and crop of the calibration? the rig not moved "
+            "since? calibrated in water?"
         )
         return Finding(Code.RECTIFY_ROWS_DISAGREE, text, Severity.UNRELIABLE, advice)
 
@@ -113,7 +113,7 @@ def not_checked(why: str = "no tie points", code: Code | None = None) -> tuple[F
     if code != Code.RECTIFY_NOTHING_IN_COMMON:
         return (finding,)
     told = "metres withheld: both images are rich in features and share hardly any: noise, or not the same scene"
-    advice = "look whether left and right are of one pair"
+    advice = "check that left and right show the same scene"
     return (finding, Finding(Code.RECTIFY_SCALE_WITHHELD, told, Severity.UNRELIABLE, advice))
 
 

@@ -85,7 +85,7 @@ def torn(rectification: Rectification, tie_points: TiePoints) -> tuple[Finding, 
         f"vertical (epipolar) error is {max(abs(seam.above_px), abs(seam.below_px)):.1f} px, on the other side "
         f"{abs(good):.1f} px"
     )
-    return (Finding(Code.REGION_TORN, text, advice="that part is of another moment: look at the transfer"),)
+    return (Finding(Code.REGION_TORN, text, advice="that part was taken at another time: check the transfer"),)
 
 
 def _deviation(errors: Matrix) -> float:
