@@ -11,8 +11,16 @@ NAME = "uw_recon_ros"
 ROOT = Path(__file__).resolve().parent
 #: The one place of the version is package.xml, where ROS's tools look for it.
 VERSION = re.search(r"<version>(.*?)</version>", (ROOT / "package.xml").read_text(encoding="utf-8"))[1]
-NODES = ["preprocess_node", "rectify_node", "disparity_node", "point_cloud_node", "pipeline_node", "bag_player_node"]
-MESSAGES = ["sensor-msgs", "stereo-msgs", "diagnostic-msgs", "std-srvs", "visualization-msgs"]
+NODES = [
+    "preprocess_node",
+    "rectify_node",
+    "disparity_node",
+    "point_cloud_node",
+    "pipeline_node",
+    "odometry_node",
+    "bag_player_node",
+]
+MESSAGES = ["sensor-msgs", "nav-msgs", "stereo-msgs", "diagnostic-msgs", "std-srvs", "visualization-msgs"]
 MESSAGES += ["rosgraph-msgs", "lifecycle-msgs"]
 #: Rooms that hold parts of pages.
 PAGES = ["report", "survey"]

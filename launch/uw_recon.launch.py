@@ -21,7 +21,7 @@ from uw_recon_ros.params import read_parameter_file
 
 PACKAGE = "uw_recon_ros"
 STAGES = ("preprocess_node", "rectify_node", "disparity_node", "point_cloud_node")
-COMPOSED, PLAYER = "pipeline_node", "bag_player_node"
+COMPOSED, PLAYER, ODOMETRY = "pipeline_node", "bag_player_node", "odometry_node"
 COMPRESSED = "/compressed"
 #: What is shown, for RViz in a name space: its configuration names them absolute.
 SHOWN = (
@@ -38,6 +38,8 @@ SHOWN = (
     "range",
     "points_unscaled",
     "surface",
+    "odometry",
+    "path",
 )
 REFUSED = 2  # exit code of a node that does not take its parameters
 
@@ -62,6 +64,7 @@ YES_OR_NO = ("true", "false")
 ARGUMENTS = (
     Argument("namespace", "", "Name space of all nodes and topics."),
     Argument("composed", "false", "One process (pipeline_node) instead of four.", YES_OR_NO),
+    Argument("odometry", "false", "Whether odometry_node follows the bottom too.", YES_OR_NO),
     Argument("autostart", "true", "Whether the nodes activate themselves; false: a lifecycle manager does.", YES_OR_NO),
     Argument("params_file", "", "ROS parameter file for all nodes; none: the defaults."),
     Argument("preset", "none", "A file of config/ to start from.", ("none", "navigation", "quality", "paper")),
@@ -93,7 +96,7 @@ def check(given: dict[str, str]) -> None:
     """Refuse, in one line, a file or bag that is not there: launch itself would start nodes on other values."""
     if path := given["params_file"]:
         try:
-            if not read_parameter_file(path, (*STAGES, COMPOSED)):
+            if not read_parameter_file(path, (*STAGES, COMPOSED, ODOMETRY)):
                 raise ValueError("no parameter in it is for a node of this graph")
         except (OSError, ValueError) as error:
             reason = " ".join(str(getattr(error, "strerror", None) or error).split())
@@ -177,6 +180,11 @@ def rviz(given: dict[str, str]) -> Node:
     )
 
 
+def chosen(given: dict[str, str]) -> tuple[str, ...]:
+    stages = (COMPOSED,) if given["composed"] == "true" else STAGES
+    return (*stages, ODOMETRY) if given["odometry"] == "true" else stages
+
+
 def start(context: LaunchContext) -> list[Node]:
     given = {argument.name: context.launch_configurations[argument.name] for argument in ARGUMENTS}
     check(given)
@@ -197,7 +205,7 @@ def start(context: LaunchContext) -> list[Node]:
             on_exit=when_stage_ends,
             **common,
         )
-        for stage in ([COMPOSED] if given["composed"] == "true" else STAGES)
+        for stage in chosen(given)
     ]
     if given["bag"]:
         nodes.append(player(given, common))

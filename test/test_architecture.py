@@ -33,6 +33,7 @@ NOUNS |= {
     "sides",
     "boards",
     "board_kinds",
+    "mount",
 }
 NOUNS |= {"evaluate_trajectory", "evaluate_surface"}
 STAGE_ROOMS = {"preprocess", "rectify", "match", "reconstruct"}
@@ -44,7 +45,7 @@ MAY_IMPORT = {
     "api": OFFLINE | {"given_pair", "bags", "recordings"},
     **{room: NOUNS | {room} for room in STAGE_ROOMS},
     "node_params": NOUNS,
-    "catalogue": NOUNS | STAGE_ROOMS | NODE_PARAMS,
+    "catalogue": NOUNS | STAGE_ROOMS | NODE_PARAMS | {"track"},
     "pipeline": OFFLINE,
     "given_pair": NOUNS | STAGE_ROOMS,
     "warm": NOUNS | STAGE_ROOMS,
@@ -66,7 +67,7 @@ MAY_IMPORT = {
     "pair": OFFLINE | {"given_pair", "recordings", "report", "warm"},
     "doctor": NOUNS | {"rectify", "node_params", "doctor"},
     "ros": NOUNS | STAGE_ROOMS | NODE_PARAMS | {"ros", "doctor", "messages"},
-    "nodes": OFFLINE | {"ros", "nodes", "bags"},
+    "nodes": OFFLINE | {"ros", "nodes", "bags", "track"},
     "survey": OFFLINE | {"survey", "recordings", "bags", "report", "messages", "warm"},
     "model": OFFLINE
     | {"survey", "recordings", "report", "bags", "track", "locate", "fuse", "drape", "georeference", "model"},
@@ -127,7 +128,7 @@ def test_every_parameter_has_a_sentence() -> None:
 
 def console_scripts() -> dict[str, str]:
     source = (ROOT / "setup.py").read_text(encoding="utf-8")
-    nodes = ast.literal_eval(re.search(r"^NODES = (\[.*\])$", source, re.MULTILINE)[1])  # type: ignore[index]
+    nodes = ast.literal_eval(re.search(r"^NODES = (\[.*?\])$", source, re.MULTILINE | re.DOTALL)[1])  # type: ignore[index]
     return {node: f"uw_recon_ros.nodes.{node}" for node in nodes} | {"uw_recon": "uw_recon_ros.cli"}
 
 

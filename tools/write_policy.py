@@ -10,8 +10,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.sax.saxutils import escape, quoteattr
 
-from uw_recon_ros.nodes import disparity_node, pipeline_node, point_cloud_node, preprocess_node, rectify_node
-from uw_recon_ros.ros import rectified_frame
+from uw_recon_ros.nodes import (
+    disparity_node,
+    odometry_node,
+    pipeline_node,
+    point_cloud_node,
+    preprocess_node,
+    rectify_node,
+)
+from uw_recon_ros.ros import rectified_frame, transforms
 from uw_recon_ros.ros.declarations import Input, Output
 
 POLICY = Path(__file__).parent.parent / "config" / "security" / "policy.xml"
@@ -56,6 +63,7 @@ def profiles() -> tuple[Profile, ...]:
         _stage("disparity_node", disparity_node.INPUTS, disparity_node.OUTPUTS),
         _stage("point_cloud_node", point_cloud_node.INPUTS, point_cloud_node.OUTPUTS),
         _stage("pipeline_node", pipeline_node.INPUTS, pipeline_node.OUTPUTS, rectified_frame.TOPIC),
+        _stage("odometry_node", odometry_node.INPUTS, odometry_node.OUTPUTS, transforms.TOPIC),
         Profile(
             "bag_player_node",
             frozenset(cameras | {"/clock", "/rosout", "/parameter_events"}),

@@ -57,6 +57,11 @@ def pipeline_node() -> None:
     _run("pipeline_node")
 
 
+def odometry_node() -> None:
+    """Run the node of this name until it is interrupted."""
+    _run("odometry_node")
+
+
 def bag_player_node() -> None:
     """Play a bag."""
     _run("bag_player_node")

@@ -128,6 +128,10 @@ class Code(str, Enum):
     MODEL_NO_SURVEY = "model.no_survey"
     MODEL_POSES = "model.poses"
     MODEL_TOO_LARGE = "model.too_large"
+    # the way while the dive goes on
+    ODOMETRY_LOST = "odometry.lost"
+    ODOMETRY_NOT_METRIC = "odometry.not_metric"
+    ODOMETRY_RESUMED = "odometry.resumed"
     # parts of an image that show no scene
     REGION_BLANK = "region.blank"
     REGION_BORDER = "region.border"

@@ -67,7 +67,7 @@ class DisparityMessageParams(Params):
 
 @dataclass(frozen=True)
 class CloudParams(Params):
-    """What the point cloud node knows besides."""
+    """What nodes that read disparities know besides."""
 
     assumed_sigma_px: float = param(
         0.5, "Standard deviation of a disparity where disparity/sigma has no publisher.", unit="px", low=1e-3, high=100
@@ -87,4 +87,18 @@ class RateParams(Params):
         unit="Hz",
         low=0,
         high=1e3,
+    )
+
+
+@dataclass(frozen=True)
+class OdometryNodeParams(Params):
+    """What the odometry node knows besides."""
+
+    odom_frame: str = param("odom", "Frame in which the way begins; never jumps (REP 105).")
+    publish_tf: bool = param(
+        False, "Whether the pose goes to tf too, odom_frame to base_frame; needs base_frame and tf2_msgs."
+    )
+    path_spacing_m: float = param(0.05, "Distance between poses of path.", unit="m", low=0.0, high=100.0)
+    path_poses: int = param(
+        2000, "Poses of path at most; where they were more, every second one goes.", low=10, high=100_000
     )

@@ -14,6 +14,7 @@ IMAGE, COMPRESSED_IMAGE = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedIm
 CAMERA_INFO, POINT_CLOUD = "sensor_msgs/msg/CameraInfo", "sensor_msgs/msg/PointCloud2"
 LASER_SCAN, RANGE = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/Range"
 DISPARITY_IMAGE, MARKER = "stereo_msgs/msg/DisparityImage", "visualization_msgs/msg/Marker"
+ODOMETRY, PATH = "nav_msgs/msg/Odometry", "nav_msgs/msg/Path"
 SIDES = ("left", "right")
 
 
@@ -28,7 +29,8 @@ class Topic:
     type : str
         E.g. ``sensor_msgs/msg/Image``.
     by : str
-        The stage node that publishes it, or `CAMERAS`. `pipeline_node` publishes what all stage nodes do.
+        The stage node that publishes it, or `CAMERAS`. `pipeline_node` publishes what the four
+        stages from cameras to clouds do.
     about : str
         What it is, in a sentence.
     encoding : str
@@ -57,6 +59,7 @@ def _both(name: str, kind: str, by: str, about: str, encoding: str = "") -> Iter
 
 
 _PREPROCESS, _RECTIFY, _DISPARITY, _CLOUD = "preprocess_node", "rectify_node", "disparity_node", "point_cloud_node"
+_ODOMETRY = "odometry_node"
 #: In the order in which one pair's messages are published.
 TOPICS = (
     *_both("{}/image_raw", IMAGE, CAMERAS, "Image of the {} camera."),
@@ -86,6 +89,9 @@ TOPICS = (
     Topic("points_unscaled", POINT_CLOUD, _CLOUD, "Instead of all metric topics where the scale is unknown.",
           unit="baselines"),
     Topic("surface", MARKER, _CLOUD, "Triangles with colours.", unit="m, or baselines", latched=True),
+    Topic("odometry", ODOMETRY, _ODOMETRY, "Pose since the start and velocity, with covariance; nothing while lost.",
+          unit="m, rad", metric=True),
+    Topic("path", PATH, _ODOMETRY, "Where the vehicle has been.", unit="m", latched=True, metric=True),
 )  # fmt: skip
 _BY_NAME = {topic.name: topic for topic in TOPICS}
 

@@ -121,6 +121,33 @@ class Trajectory:
         return replace(self, poses=poses, covariances=change @ self.covariances @ change.T)
 
 
+@dataclass(frozen=True, eq=False)
+class VehicleState:
+    """Where the vehicle is and how it moves, as ROS tells it (REP 103, REP 105).
+
+    Parameters
+    ----------
+    stamp_ns : int
+    frame_id, child_frame_id : str
+        The world's frame, and the vehicle's.
+    pose : (4, 4) float64
+        `frame_id` <- `child_frame_id`, m.
+    covariance : (6, 6) float64
+        Of the position (m) and the rotation (rad), about the axes of `frame_id`.
+    velocity : (6,) float64
+        m/s and rad/s, in the axes of `child_frame_id`.
+    velocity_covariance : (6, 6) float64
+    """
+
+    stamp_ns: int
+    frame_id: str
+    child_frame_id: str
+    pose: Matrix
+    covariance: Matrix
+    velocity: Matrix
+    velocity_covariance: Matrix
+
+
 def trajectory_of(
     stamps_ns: Sequence[int] | NDArray[np.int64],
     poses: Matrix,

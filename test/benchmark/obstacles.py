@@ -27,16 +27,18 @@ from typing import Any
 
 import numpy as np
 
+from uw_recon_ros.mount import MountParams
 from uw_recon_ros.pipeline import Pipeline, PipelineParams, read_values
-from uw_recon_ros.reconstruct.obstacles import FindObstacles, ObstacleParams, base_from_optical
+from uw_recon_ros.reconstruct.obstacles import FindObstacles, ObstacleParams
 from uw_recon_ros.simulate.dive import Dive
 from uw_recon_ros.simulate.params import SimulateParams
 from uw_recon_ros.types import StereoPair
 
 SCENES, WATERS = ("pipe", "amphora", "reef"), ("I", "3C", "7C")
 PITCH_DEG = 25.0
+MOUNT = MountParams(base_frame="base_link", camera_pitch_deg=PITCH_DEG)
 PARAMS = ObstacleParams(
-    base_frame="base_link", camera_pitch_deg=PITCH_DEG, obstacle_field_deg=60.0, obstacle_min_height_m=-0.45,
+    obstacle_field_deg=60.0, obstacle_min_height_m=-0.45,
     range_axis="down", range_cone_deg=90.0,
 )  # fmt: skip
 NAVIGATION = Path(__file__).resolve().parents[2] / "config" / "navigation.yaml"
@@ -49,7 +51,7 @@ def true_sectors(depth: np.ndarray, geometry: Any, slack_m: float = 0.0) -> tupl
     v, u = np.mgrid[: depth.shape[0], : depth.shape[1]]
     rays = np.stack([(u - k[0, 2]) / k[0, 0], (v - k[1, 2]) / k[1, 1], np.ones(depth.shape)], axis=-1)
     optical = (rays * depth[..., None]) @ np.asarray(geometry.rect_from_raw_left)
-    base = (optical @ base_from_optical(PARAMS).T)[np.isfinite(depth)]
+    base = (optical @ MOUNT.base_from_optical.T)[np.isfinite(depth)]
     down = -base[:, 2]
     in_cone = down > np.cos(np.deg2rad(PARAMS.range_cone_deg / 2)) * np.linalg.norm(base, axis=1)
     low, high = PARAMS.obstacle_min_height_m - slack_m, PARAMS.obstacle_max_height_m + slack_m
@@ -69,7 +71,7 @@ def run(scene: str, water: str, frames: int, size: tuple[int, int]) -> dict[str,
         scene=scene, water=water, frames=frames, pitch_deg=PITCH_DEG, distance_m=1.6, speed_m_s=0.2, rate_hz=2.0,
         width=size[0], height=size[1], seed=3,
     ))  # fmt: skip
-    pipeline, find = Pipeline(PipelineParams.from_mapping(read_values(NAVIGATION))), FindObstacles(PARAMS)
+    pipeline, find = Pipeline(PipelineParams.from_mapping(read_values(NAVIGATION))), FindObstacles(PARAMS, MOUNT)
     false = told = near = seen = 0
     errors: list[float] = []
     for index in range(frames):

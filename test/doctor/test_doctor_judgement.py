@@ -468,3 +468,27 @@ def test_without_ros_it_says_what_to_do() -> None:
     assert told.returncode == 1
     (line,) = told.stderr.strip().splitlines()
     assert line.startswith("uw_recon: doctor: expected ROS 2, no module rclpy: source its setup.bash")
+
+
+def with_odometry(status: Status, came: Arrivals) -> Observation:
+    """A healthy graph in which odometry_node runs too."""
+    seen = healthy()
+    nodes = {**seen.nodes, "odometry_node": node("odometry_node", statuses=(status,))}
+    return change(replace(seen, nodes=nodes), odometry=topic("odometry", "/odometry_node", came))
+
+
+def test_odometry_is_looked_at_where_it_runs() -> None:
+    found = diagnose(with_odometry(Status(0, "working", {}), images()))
+    assert found.healthy
+    assert any(f.stage == "odometry" and f.level == Level.OK and "10.0 Hz" in f.text for f in found.findings)
+    assert not any(f.stage == "odometry" for f in diagnose(healthy()).findings)
+
+
+def test_lost_odometry_is_told_and_no_reason_for_missing_clouds() -> None:
+    values = {"odometry": "lost for 3.0 s", "codes": "odometry.lost", "odometry.lost": "lost for 3.0 s"}
+    seen = with_odometry(Status(1, "lost for 3.0 s: too little in common", values), Arrivals())
+    assert "lost for 3.0 s" in warnings(seen)
+    (finding,) = [f for f in diagnose(seen).findings if f.stage == "odometry" and "lost" in f.text]
+    assert "slower" in finding.advice
+    hanging = with_odometry(Status(2, "every frame dropped", {}), Arrivals())
+    assert diagnose(hanging).healthy

@@ -16,7 +16,14 @@ from stereo_msgs.msg import DisparityImage
 from uw_recon_ros.ros.diagnostics import SUPERSEDED
 
 pytestmark = [pytest.mark.graph, pytest.mark.timeout(3600)]
-STAGE_NODES = ("preprocess_node", "rectify_node", "disparity_node", "point_cloud_node", "pipeline_node")
+STAGE_NODES = (
+    "preprocess_node",
+    "rectify_node",
+    "disparity_node",
+    "point_cloud_node",
+    "pipeline_node",
+    "odometry_node",
+)
 ALL = (*STAGE_NODES, "bag_player_node")
 BAG = Path(__file__).parents[2] / "bags" / "amphora"
 BOTH = pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["SIGINT", "SIGTERM"])

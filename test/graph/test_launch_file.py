@@ -83,6 +83,11 @@ def test_one_process_in_a_name_space(launch: Any) -> None:
     assert node.ros_arguments == ["--log-level", "warn"]
 
 
+def test_odometry_goes_along_where_asked(launch: Any) -> None:
+    assert [node.executable for node in launch(odometry="true")] == [*FOUR, "odometry_node"]
+    assert [node.executable for node in launch(odometry="true", composed="true")] == ["pipeline_node", "odometry_node"]
+
+
 def test_parameters_later_ones_win(launch: Any, tmp_path: Path) -> None:
     mine = tmp_path / "mine.yaml"
     mine.write_text("/**:\n  ros__parameters: {cloud_voxel: 0.5, max_disparity: 10, effort: quality}\n")

@@ -15,7 +15,7 @@ from uw_recon_ros.doctor.observation import (
     Surroundings,
     Topic,
 )
-from uw_recon_ros.doctor.topic_graph import NODES, TYPES
+from uw_recon_ros.doctor.topic_graph import CHAIN, TYPES
 from uw_recon_ros.topics import IMAGE
 
 SECOND = 1_000_000_000
@@ -66,7 +66,7 @@ def healthy() -> Observation:
     return Observation(
         seconds=5.0,
         topics=topics,
-        nodes={name: node(name) for name in NODES if name != "pipeline_node"},
+        nodes={name: node(name) for name in CHAIN if name != "pipeline_node"},
         infos={"left": numbers(), "right": numbers(-40.0)},
         surroundings=Surroundings("7", rmw="rmw_fastrtps_cpp", shm_free_bytes=1 << 30, nodes_seen=6),
     )

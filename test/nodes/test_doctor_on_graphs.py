@@ -32,7 +32,14 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from uw_recon_ros.doctor.diagnose import Diagnosis, diagnose
 from uw_recon_ros.doctor.text import as_table
 from uw_recon_ros.doctor.topic_graph import LISTENED, PIPELINE, STAGES, TYPES
-from uw_recon_ros.nodes import disparity_node, pipeline_node, point_cloud_node, preprocess_node, rectify_node
+from uw_recon_ros.nodes import (
+    disparity_node,
+    odometry_node,
+    pipeline_node,
+    point_cloud_node,
+    preprocess_node,
+    rectify_node,
+)
 from uw_recon_ros.nodes.pipeline_node import PipelineNode
 from uw_recon_ros.nodes.preprocess_node import PreprocessNode
 from uw_recon_ros.nodes.rectify_node import RectifyNode
@@ -128,6 +135,7 @@ def test_the_chain_is_the_nodes() -> None:
         declared |= outputs
     for wanted in pipeline_node.INPUTS:
         declared |= {topic.name: topic.type for topic in wanted.alternatives}
+    declared |= {output.topic: output.type for output in odometry_node.OUTPUTS}
     for topic, kind in TYPES.items():
         package, _, name = kind.split("/")
         assert declared[topic].__name__ == name

@@ -15,10 +15,17 @@ import pytest
 from helpers.ros_bench import Bench
 
 from uw_recon_ros.bags import open_bag
-from uw_recon_ros.nodes import disparity_node, pipeline_node, point_cloud_node, preprocess_node, rectify_node
+from uw_recon_ros.nodes import (
+    disparity_node,
+    odometry_node,
+    pipeline_node,
+    point_cloud_node,
+    preprocess_node,
+    rectify_node,
+)
 from uw_recon_ros.nodes.bag_player_node import BagPlayerNode
 from uw_recon_ros.nodes.replay import parse
-from uw_recon_ros.ros import rectified_frame
+from uw_recon_ros.ros import rectified_frame, transforms
 
 ROOT = Path(__file__).parent.parent.parent
 TOOL = ROOT / "tools" / "write_policy.py"
@@ -29,6 +36,7 @@ STAGES: dict[str, tuple[Any, Any, Any]] = {
     "disparity_node": (disparity_node.DisparityNode, disparity_node.INPUTS, disparity_node.OUTPUTS),
     "point_cloud_node": (point_cloud_node.PointCloudNode, point_cloud_node.INPUTS, point_cloud_node.OUTPUTS),
     "pipeline_node": (pipeline_node.PipelineNode, pipeline_node.INPUTS, pipeline_node.OUTPUTS),
+    "odometry_node": (odometry_node.OdometryNode, odometry_node.INPUTS, odometry_node.OUTPUTS),
 }
 
 
@@ -101,9 +109,7 @@ def test_a_stage_does_what_it_may_and_nothing_else(bench: Bench, name: str) -> N
             bench.outsider.destroy_publisher(talker)
     assert subscribed == may_subscribe
     found = seen(bench, node)
-    without = (
-        {rectified_frame.TOPIC} if rectified_frame.TOPIC not in found["publish"] else set()
-    )  # tf2_msgs is not installed
+    without = {rectified_frame.TOPIC, transforms.TOPIC} - found["publish"]  # tf2_msgs is not installed
     assert found["publish"] == allowed(name, "topics", "publish") - without
     assert found["reply"] >= {f"/{name}/change_state"}
     # Humble has no get_type_description

@@ -14,18 +14,20 @@ from diagnostic_msgs.msg import DiagnosticArray
 from helpers.ros_bench import Bench, banded_pair, color, infos, stamped
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
-from uw_recon_ros.nodes import pipeline_node
+from uw_recon_ros.nodes import odometry_node, pipeline_node
 from uw_recon_ros.nodes.pipeline_node import PipelineNode
 
 ROOT = Path(__file__).parents[2]
 RVIZ, FOXGLOVE = ROOT / "config" / "rviz" / "uw_recon.rviz", ROOT / "config" / "foxglove" / "uw_recon.json"
+OUTPUTS = (*pipeline_node.OUTPUTS, *odometry_node.OUTPUTS)
 #: All topics by message, cameras included: absolute, as without a name space.
 TYPES = {
     **{f"/{topic.name}": topic.type.__name__ for wanted in pipeline_node.INPUTS for topic in wanted.alternatives},
-    **{f"/{output.topic}": output.type.__name__ for output in pipeline_node.OUTPUTS},
+    **{f"/{output.topic}": output.type.__name__ for output in OUTPUTS if output.topic not in ("/tf", "/tf_static")},
 }
-LATCHED = {f"/{output.topic}" for output in pipeline_node.OUTPUTS if output.latched}
-SHOWS = {kind: kind for kind in ("Image", "PointCloud2", "Marker", "LaserScan", "Range")}  # RViz's display of a message
+LATCHED = {f"/{output.topic}" for output in OUTPUTS if output.latched}
+KINDS = ("Image", "PointCloud2", "Marker", "LaserScan", "Range", "Odometry", "Path")
+SHOWS = {kind: kind for kind in KINDS}  # RViz's display of a message
 NOT_IN_RVIZ = {"CameraInfo", "DisparityImage", "CompressedImage"}  # it has no display for these
 
 
@@ -87,7 +89,9 @@ def test_foxglove_shows_every_topic_as_what_it_is() -> None:
         if name.startswith("Image!") and "calibrationTopic" in config["imageMode"]:
             assert TYPES[config["imageMode"]["calibrationTopic"]] == "CameraInfo"
     space = configs["3D!clouds"]["topics"]
-    assert set(space) == {topic for topic, kind in TYPES.items() if kind in ("PointCloud2", "Marker", "CameraInfo")}
+    assert set(space) == {
+        topic for topic, kind in TYPES.items() if kind in ("PointCloud2", "Marker", "CameraInfo", "Path")
+    }
     assert configs["RawMessages!disparity"]["topicPath"] == "/disparity"
     assert {c["topicToRender"] for name, c in configs.items() if name.startswith("Diagnostic")} == {"/diagnostics"}
 

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from uw_recon_ros.reconstruct.obstacles import FindObstacles, ObstacleParams, base_from_optical, nearest_agreed
+from uw_recon_ros.mount import MountParams
+from uw_recon_ros.reconstruct.obstacles import FindObstacles, ObstacleParams, nearest_agreed
 from uw_recon_ros.types import DepthMap, StereoGeometry
 
 WIDTH, HEIGHT, FOCAL = 160, 120, 100.0
@@ -27,7 +28,8 @@ def wall(distance: float) -> np.ndarray:
 
 
 def finder(**params: object) -> FindObstacles:
-    return FindObstacles(ObstacleParams(base_frame="base_link", **params))
+    mount = {name: params.pop(name) for name in list(params) if name.startswith("camera_")}
+    return FindObstacles(ObstacleParams(**params), MountParams(base_frame="base_link", **mount))
 
 
 def direction(sectors, index: int) -> float:
@@ -98,12 +100,13 @@ def test_range_ahead_and_down() -> None:
 
 def test_a_slanted_camera_measures_the_height_over_a_level_floor() -> None:
     """Depth of the plane z = -1.2 m under a camera that looks down by 50 degrees, by a ray tracer of its own."""
-    params = ObstacleParams(base_frame="base_link", camera_pitch_deg=50.0, range_axis="down", range_cone_deg=40.0)
+    mount = MountParams(base_frame="base_link", camera_pitch_deg=50.0)
+    params = ObstacleParams(range_axis="down", range_cone_deg=40.0)
     v, u = np.mgrid[:HEIGHT, :WIDTH]
     rays = np.stack([(u - WIDTH / 2) / FOCAL, (v - HEIGHT / 2) / FOCAL, np.ones_like(u, float)], axis=-1)
-    down = -(rays @ base_from_optical(params).T)[..., 2]
+    down = -(rays @ mount.base_from_optical.T)[..., 2]
     depth = np.where(down > 0.05, 1.2 / np.maximum(down, 0.05), np.nan)
-    found = FindObstacles(params).look(depth_map(depth)).along_axis()
+    found = FindObstacles(params, mount).look(depth_map(depth)).along_axis()
     assert found is not None
     assert found.distance == pytest.approx(1.2, rel=1e-3)
 
@@ -111,10 +114,10 @@ def test_a_slanted_camera_measures_the_height_over_a_level_floor() -> None:
 def test_the_mounting_turns_as_rep_103_says() -> None:
     ahead = np.array([0.0, 0.0, 1.0])
     right = np.array([1.0, 0.0, 0.0])
-    assert base_from_optical(ObstacleParams()) @ ahead == pytest.approx([1, 0, 0])
-    assert base_from_optical(ObstacleParams(camera_pitch_deg=90.0)) @ ahead == pytest.approx([0, 0, -1], abs=1e-12)
-    assert base_from_optical(ObstacleParams(camera_yaw_deg=90.0)) @ ahead == pytest.approx([0, 1, 0], abs=1e-12)
-    assert base_from_optical(ObstacleParams(camera_roll_deg=90.0)) @ right == pytest.approx([0, 0, -1], abs=1e-12)
+    assert MountParams().base_from_optical @ ahead == pytest.approx([1, 0, 0])
+    assert MountParams(camera_pitch_deg=90.0).base_from_optical @ ahead == pytest.approx([0, 0, -1], abs=1e-12)
+    assert MountParams(camera_yaw_deg=90.0).base_from_optical @ ahead == pytest.approx([0, 1, 0], abs=1e-12)
+    assert MountParams(camera_roll_deg=90.0).base_from_optical @ right == pytest.approx([0, 0, -1], abs=1e-12)
 
 
 def test_without_a_scale_there_is_nothing_to_tell() -> None:
@@ -140,7 +143,7 @@ def test_the_nearest_agreed_is_what_a_search_finds(pairs: list[tuple[float, int]
 
 @given(st.floats(-180, 180), st.floats(-90, 90), st.floats(-180, 180))
 def test_mountings_are_rotations(roll: float, pitch: float, yaw: float) -> None:
-    matrix = base_from_optical(ObstacleParams(camera_roll_deg=roll, camera_pitch_deg=pitch, camera_yaw_deg=yaw))
+    matrix = MountParams(camera_roll_deg=roll, camera_pitch_deg=pitch, camera_yaw_deg=yaw).base_from_optical
     assert Rotation.from_matrix(matrix).as_matrix() == pytest.approx(matrix, abs=1e-9)
 
 

@@ -12,7 +12,7 @@ from uw_recon_ros.doctor.clouds import check_clouds, check_listeners
 from uw_recon_ros.doctor.connections import check_connections
 from uw_recon_ros.doctor.environment import check_discovery, check_transport
 from uw_recon_ros.doctor.observation import Observation
-from uw_recon_ros.doctor.stages import check_stages, replaced
+from uw_recon_ros.doctor.stages import check_further, check_stages, replaced
 from uw_recon_ros.doctor.topic_graph import STAGES
 
 #: With how many stages replaced by others' nodes a check no longer matters.
@@ -24,6 +24,7 @@ _CHECKS = (
     check_calibration,
     check_connections,
     check_stages,
+    check_further,
     check_clouds,
     check_listeners,
     check_transport,

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from uw_recon_ros.doctor.check import Check, Level, fail, ok, warn
 from uw_recon_ros.doctor.observation import GraphNode, Observation, Status, Topic
-from uw_recon_ros.doctor.topic_graph import METRIC_CLOUD, NODES, PIPELINE, STAGES, UNSCALED_CLOUD, Stage
+from uw_recon_ros.doctor.topic_graph import CHAIN, FURTHER, METRIC_CLOUD, PIPELINE, STAGES, UNSCALED_CLOUD, Stage
 from uw_recon_ros.findings import Code
 
 _OK, _WARN, _ERROR = 0, 1, 2
@@ -20,6 +20,7 @@ _HARMLESS = frozenset((
 EXCHANGE = "swap the topics of left and right, or the calibrations"
 EXCHANGED = (Code.RECTIFY_EXCHANGED.value, Code.MATCH_EXCHANGED.value)
 _REMEDIES = {
+    Code.ODOMETRY_LOST.value: "slower, nearer to the bottom, or more light",
     **dict.fromkeys(EXCHANGED, EXCHANGE),
     Code.RECTIFY_TIE_POINTS.value: "see left/image_enhanced: haze, darkness or no overlap? Calibrated rigs need no tie "
     "points",
@@ -175,7 +176,7 @@ def replaced(seen: Observation) -> int:
         place
         for place, stage in enumerate(STAGES, 1)
         if (ends := seen.topics.get(stage.output, Topic(stage.output)).publishers)
-        and not any(end.node.rsplit("/", 1)[-1] in NODES for end in ends)
+        and not any(end.node.rsplit("/", 1)[-1] in CHAIN for end in ends)
     ]
     return max(foreign, default=0)
 
@@ -190,3 +191,14 @@ def check_stages(seen: Observation) -> list[Check]:
                 said.add(finding.text)
                 found.append(finding)
     return found
+
+
+def check_further(seen: Observation) -> list[Check]:
+    """Look at the nodes that go on from disparity, where they run: what they lack keeps no clouds from coming."""
+    found = [
+        finding
+        for stage in FURTHER
+        if (node := seen.nodes.get(stage.node)) is not None
+        for finding in _of_node(stage, node, seen.topics.get(stage.output, Topic(stage.output)), seen)
+    ]
+    return [replace(f, level=min(f.level, Level.WARN), symptom=True) for f in found]

@@ -30,13 +30,16 @@ STAGES = (
     Stage("disparity", "disparity_node", "disparity"),
     Stage("point cloud", "point_cloud_node", METRIC_CLOUD),
 )
-NODES = (*(stage.node for stage in STAGES), PIPELINE)
+#: What may go on from there; nobody misses one that was not started.
+FURTHER = (Stage("odometry", "odometry_node", "odometry"),)
+CHAIN = (*(stage.node for stage in STAGES), PIPELINE)
+NODES = (*CHAIN, *(stage.node for stage in FURTHER))
 #: The chain's topics, relative, and their types.
 TYPES: dict[str, str] = {topic.name: topic.type for topic in TOPICS}
 #: What the doctor listens to itself: enough to see where the chain breaks, and to have every stage work.
 LISTENED = (
     *(topic for camera in SIDES for topic in image_topics(camera)),
     *(f"{camera}/camera_info" for camera in SIDES),
-    *(stage.output for stage in STAGES),
+    *(stage.output for stage in (*STAGES, *FURTHER)),
     UNSCALED_CLOUD,
 )

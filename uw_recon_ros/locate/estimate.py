@@ -18,10 +18,10 @@ from uw_recon_ros.findings import Code, Finding, Severity
 from uw_recon_ros.locate.level import levelled
 from uw_recon_ros.locate.params import LocateParams
 from uw_recon_ros.locate.priors import Priors, anchors_at, fit_to, held_loosely, relative_guesses
-from uw_recon_ros.locate.walk import Link, Walk, first_poses, is_ambiguous, stretches, walk_frames
+from uw_recon_ros.locate.walk import Link, Walk, first_poses, stretches, walk_frames
 from uw_recon_ros.track.keypoints import RigError
 from uw_recon_ros.track.params import TrackParams
-from uw_recon_ros.track.relate import relate
+from uw_recon_ros.track.relate import is_ambiguous, relate
 from uw_recon_ros.trajectory import DisparityFrame, PoseStatus, Trajectory
 from uw_recon_ros.types import Matrix, StereoGeometry
 

@@ -12,15 +12,12 @@ from numpy.typing import NDArray
 from uw_recon_ros.track.bridge import Relief, bridge, make_relief
 from uw_recon_ros.track.keypoints import Keypoints, PackedKeypoints, find_keypoints, packed
 from uw_recon_ros.track.params import TrackParams
-from uw_recon_ros.track.relate import RelativePose, relate, rival
+from uw_recon_ros.track.relate import RelativePose, contradicts, is_ambiguous, relate
 from uw_recon_ros.trajectory import DisparityFrame
 from uw_recon_ros.types import Matrix, StereoGeometry
 
 _BEFORE = 3  # frames back to which a relation is sought
-_LOOP_KEYPOINTS, _RIVAL_KEYPOINTS = 600, 700
-_FAR_SHARE, _WEAK_SHARE = 0.1, 0.3  # of the depth, of the usual inliers
-_LEAST_RIVAL = 10  # inliers; fewer are chance
-_CLEARLY = 0.33  # how much nearer to the guess the relation has to be than its rival
+_LOOP_KEYPOINTS = 600
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,11 +57,6 @@ class _Seen:
     keypoints: Keypoints
     relief: Relief
     pose: Matrix | None  # in its own stretch; None where it hangs on nothing
-
-
-def thinned(keypoints: Keypoints, count: int) -> Keypoints:
-    """The first `count` of them."""
-    return Keypoints(keypoints.measured[:count], keypoints.sigma[:count], keypoints.descriptors[:count])
 
 
 class Walker:
@@ -122,47 +114,21 @@ class Walker:
                     return Link(seen.index, index, crossed, "bridge")
         return None
 
-    def _contradicts(self, found: RelativePose, guess: Matrix | None) -> bool:
-        """Whether a relation is far from the guess and weaker than usual: on tiles, the next tile's."""
-        if guess is None or not self._inliers or not self.walk.depths:
-            return False
-        missed = float(np.linalg.norm((guess - found.motion)[:3, 3]))
-        usual = float(np.median(self._inliers))
-        return missed > _FAR_SHARE * self.walk.depths[-1] and found.inliers < _WEAK_SHARE * usual
-
     def _relation(
         self, index: int, seen: _Seen, keypoints: Keypoints, geometry: StereoGeometry, guess: Matrix | None
     ) -> RelativePose | None:
+        depth = self.walk.depths[-1] if self.walk.depths else float("nan")
         for near in (guess, None) if guess is not None else (None,):
             found = relate(seen.keypoints, keypoints, geometry, self.params, near)
             if found is None:
                 continue
-            doubtful = self._contradicts(found, guess) or is_ambiguous(
+            doubtful = contradicts(found, guess, depth, self._inliers) or is_ambiguous(
                 seen.keypoints, keypoints, geometry, self.params, found, guess
             )
             if not doubtful:
                 return found
             self.walk.ambiguous.append(index)
         return None
-
-
-def is_ambiguous(
-    first: Keypoints,
-    second: Keypoints,
-    geometry: StereoGeometry,
-    params: TrackParams,
-    found: RelativePose,
-    guess: Matrix | None = None,
-) -> bool:
-    """Whether another relation explains about as many key points, and no guess is clearly nearer to the one found."""
-    few = thinned(first, _RIVAL_KEYPOINTS), thinned(second, _RIVAL_KEYPOINTS)
-    inliers, other = rival(*few, geometry, params, found)
-    if inliers < max(params.rival_share * found.inliers * len(few[0]) / max(len(first), 1), _LEAST_RIVAL):
-        return False
-    if guess is None:
-        return True
-    missed = np.linalg.norm((guess - found.motion)[:3, 3])
-    return bool(missed > _CLEARLY * np.linalg.norm((guess - other)[:3, 3]))
 
 
 def walk_frames(

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from uw_recon_ros.match.stage import MatchParams
+from uw_recon_ros.mount import MountParams
 from uw_recon_ros.node_params import CameraParams, DisparityMessageParams, RateParams
 from uw_recon_ros.nodes import disparity_node, point_cloud_node, preprocess_node, rectify_node
 from uw_recon_ros.pipeline import Products, Stages
@@ -52,8 +53,8 @@ class PipelineNode(StageNode[NodeStages]):
 
     def __init__(self, **options: Any) -> None:
         own = (CameraParams, DisparityMessageParams, RateParams)
-        classes = (*own, PreprocessParams, RectifyParams, MatchParams, ReconstructParams, ObstacleParams)
-        super().__init__("pipeline_node", classes=classes, inputs=INPUTS, outputs=OUTPUTS, **options)
+        stages = (PreprocessParams, RectifyParams, MatchParams, ReconstructParams, ObstacleParams, MountParams)
+        super().__init__("pipeline_node", classes=(*own, *stages), inputs=INPUTS, outputs=OUTPUTS, **options)
 
     def build(self, params: ParameterSet) -> NodeStages:
         """Make the stages; a rig already known is forgotten only when rectification changes."""

@@ -23,6 +23,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from uw_recon_ros.calibration.judge import judge_depths
+from uw_recon_ros.mount import MountParams
 from uw_recon_ros.node_params import CloudParams, DisparityMessageParams
 from uw_recon_ros.reconstruct.obstacles import FindObstacles, ObstacleParams
 from uw_recon_ros.reconstruct.stage import Reconstruct, ReconstructParams
@@ -76,14 +77,14 @@ class CloudStage(NamedTuple):
 def obstacle_finder(params: ParameterSet) -> FindObstacles:
     """What finds obstacles, within the filtered cloud's limits."""
     cloud = params[ReconstructParams]
-    return FindObstacles(params[ObstacleParams], cloud.cloud_min_range, cloud.cloud_max_range)
+    return FindObstacles(params[ObstacleParams], params[MountParams], cloud.cloud_min_range, cloud.cloud_max_range)
 
 
 def publish_obstacles(outputs: Outputs, diagnostics: Diagnostics, find: FindObstacles, depth: DepthMap) -> None:
     """Tell an autopilot of what is trusted, and of nothing else."""
     if not outputs.wanted(*FOR_AUTOPILOTS):
         return
-    placed = bool(find.params.base_frame)
+    placed = bool(find.mount.base_frame)
     diagnostics.say(obstacles="published" if placed else _NO_BASE)  # no warning: recorders listen to everything
     if placed:
         around = find.look(depth)
@@ -123,7 +124,7 @@ class PointCloudNode(StageNode[CloudStage]):
     """Turns disparities into depth, clouds and surfaces."""
 
     def __init__(self, **options: Any) -> None:
-        classes = (DisparityMessageParams, CloudParams, ReconstructParams, ObstacleParams)
+        classes = (DisparityMessageParams, CloudParams, ReconstructParams, ObstacleParams, MountParams)
         super().__init__("point_cloud_node", classes=classes, inputs=INPUTS, outputs=OUTPUTS, **options)
 
     def build(self, params: ParameterSet) -> CloudStage:

@@ -9,14 +9,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
+from uw_recon_ros.mount import MountParams
 from uw_recon_ros.params import Params, param
 from uw_recon_ros.reconstruct.triangulation import points_from_depth
-from uw_recon_ros.types import AxisRange, DepthMap, Matrix, Sectors
+from uw_recon_ros.types import AxisRange, DepthMap, Sectors
 
-#: Columns: the optical frame's x (right), y (down), z (ahead) in a body's x ahead, y left, z up (REP 103).
-_BODY_FROM_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 _AXES = {"forward": (1.0, 0.0, 0.0), "down": (0.0, 0.0, -1.0), "up": (0.0, 0.0, 1.0)}
 
 Floats = NDArray[np.float64]
@@ -26,23 +24,6 @@ Floats = NDArray[np.float64]
 class ObstacleParams(Params):
     """What `obstacles` and `range` can be told. Defaults: ``test/benchmark/obstacles.py``."""
 
-    base_frame: str = param(
-        "", "Frame of obstacles and range, x ahead, y left, z up (REP 103); empty: neither is published."
-    )
-    camera_x_m: float = param(0.0, "Left camera in base_frame, ahead.", unit="m", low=-100.0, high=100.0)
-    camera_y_m: float = param(0.0, "Left camera in base_frame, to the left.", unit="m", low=-100.0, high=100.0)
-    camera_z_m: float = param(0.0, "Left camera in base_frame, up.", unit="m", low=-100.0, high=100.0)
-    camera_roll_deg: float = param(
-        0.0,
-        "Left camera turned about its line of sight, clockwise seen from behind.",
-        unit="deg",
-        low=-180.0,
-        high=180.0,
-    )
-    camera_pitch_deg: float = param(
-        0.0, "Left camera looking down by this; 0 looks ahead, 90 straight down.", unit="deg", low=-90.0, high=90.0
-    )
-    camera_yaw_deg: float = param(0.0, "Left camera turned to the left by this.", unit="deg", low=-180.0, high=180.0)
     obstacle_min_height_m: float = param(
         -0.5, "Lowest point that counts as an obstacle, in base_frame.", unit="m", low=-100.0, high=100.0
     )
@@ -110,11 +91,12 @@ class Surroundings:
     max_range: float
     stamp_ns: int
     params: ObstacleParams
+    mount: MountParams
 
     def sectors(self) -> Sectors:
         """The nearest trusted surface in each sector."""
         p = self.params
-        points = self.offsets + np.array([p.camera_x_m, p.camera_y_m, p.camera_z_m])
+        points = self.offsets + self.mount.place
         points = points[(points[:, 2] >= p.obstacle_min_height_m) & (points[:, 2] <= p.obstacle_max_height_m)]
         number = round(p.obstacle_field_deg / p.obstacle_sector_deg)
         step = np.deg2rad(p.obstacle_field_deg) / number
@@ -125,7 +107,7 @@ class Surroundings:
         inside = (sector >= 0) & (sector < number)
         flat = np.hypot(points[:, 0], points[:, 1])
         ranges = nearest_agreed(flat[inside], sector[inside], number, self.fewest)
-        frame = p.base_frame + "_frd" if clockwise else p.base_frame
+        frame = self.mount.base_frame + "_frd" if clockwise else self.mount.base_frame
         return Sectors(ranges, first + step / 2, step, self.min_range, self.max_range, self.stamp_ns, frame)
 
     def along_axis(self) -> AxisRange | None:
@@ -141,7 +123,7 @@ class Surroundings:
         agreeing = (along >= nearest) & (along <= nearest * (1 + _AGREEMENT))
         return AxisRange(
             float(nearest), float(np.median(sigma[agreeing])), float(cone), self.min_range, self.max_range,
-            self.stamp_ns, p.base_frame,
+            self.stamp_ns, self.mount.base_frame,
         )  # fmt: skip
 
 
@@ -152,11 +134,13 @@ class FindObstacles:
     Parameters
     ----------
     params : ObstacleParams
+    mount : MountParams
     min_range, max_range : float
         m, along the ray: those of the filtered cloud.
     """
 
     params: ObstacleParams = field(default_factory=ObstacleParams)
+    mount: MountParams = field(default_factory=MountParams)
     min_range: float = 0.1
     max_range: float = 20.0
 
@@ -183,19 +167,12 @@ class FindObstacles:
         near = (lengths >= self.min_range) & (lengths <= self.max_range)
         along_ray = depth.sigma[trusted][near] / depth.depth[trusted][near] * lengths[near]
         fewest = max(1, round(p.obstacle_min_share * depth.depth.size))
-        offsets = points[near] @ base_from_optical(p).T
-        return Surroundings(offsets, along_ray, fewest, self.min_range, self.max_range, depth.stamp_ns, p)
+        offsets = points[near] @ self.mount.base_from_optical.T
+        return Surroundings(offsets, along_ray, fewest, self.min_range, self.max_range, depth.stamp_ns, p, self.mount)
 
 
 #: Distances within this share of the nearest one agree with it.
 _AGREEMENT = 0.1
-
-
-def base_from_optical(params: ObstacleParams) -> Matrix:
-    """(3, 3) rotation from the left optical frame to `base_frame`: yaw, pitch, roll, each about the turned axis."""
-    angles = [params.camera_yaw_deg, params.camera_pitch_deg, params.camera_roll_deg]
-    rotation: Matrix = Rotation.from_euler("ZYX", angles, degrees=True).as_matrix() @ _BODY_FROM_OPTICAL
-    return rotation
 
 
 def nearest_agreed(distances: Floats, groups: NDArray[np.int64], number: int, fewest: int) -> Floats:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from uw_recon_ros.messages import cameras, clouds, disparities, headers, images, obstacles
+from uw_recon_ros.messages import cameras, clouds, disparities, headers, images, obstacles, odometry
 from uw_recon_ros.messages.disparities import disparity_from_message
 from uw_recon_ros.messages.headers import received_stamp_ns, stamp_ns
 from uw_recon_ros.messages.images import float_image_from_message, image_from_message
@@ -12,10 +12,11 @@ from uw_recon_ros.ros.message_types import MAKE
 
 __all__ = [
     "camera_info_message", "cloud_message", "confidence_message", "depth_messages", "disparity_from_message",
-    "disparity_message", "float_image_from_message", "header", "image_from_message", "image_message", "range_message",
-    "raw_image_message", "received_stamp_ns", "rectified_infos", "scan_message",
+    "disparity_message", "float_image_from_message", "header", "image_from_message", "image_message",
+    "odometry_message", "path_message", "range_message", "raw_image_message", "received_stamp_ns", "rectified_infos",
+    "scan_message",
     "sigma_message", "stamp_ns", "status_message",
-    "surface_message", "time_message",
+    "surface_message", "time_message", "transform_message",
 ]  # fmt: skip
 
 time_message = partial(headers.time_message, MAKE)
@@ -33,3 +34,6 @@ cloud_message = partial(clouds.cloud_message, MAKE)
 surface_message = partial(clouds.surface_message, MAKE)
 scan_message = partial(obstacles.scan_message, MAKE)
 range_message = partial(obstacles.range_message, MAKE)
+odometry_message = partial(odometry.odometry_message, MAKE)
+path_message = partial(odometry.path_message, MAKE)
+transform_message = partial(odometry.transform_message, MAKE)

@@ -104,6 +104,10 @@ class StageNode(ManagedNode, Generic[S]):
     def warm_up(self, stage: S) -> None:
         """Prepare what would delay the first frame. In the worker's thread; overridden where there is something."""
 
+    def works_unasked(self, params: ParameterSet) -> bool:
+        """Whether the node works though nobody listens. Overridden where it may."""
+        return False
+
     def finished(self, stage: S, took_s: float) -> None:
         """Take note of how long `work` took, s. In the worker's thread; overridden where it matters."""
 
@@ -183,7 +187,7 @@ class StageNode(ManagedNode, Generic[S]):
         """Subscribe while somebody listens; look again at who publishes what."""
         if self.session is None or not self.session.outputs.open:
             return
-        wanted = self.session.outputs.wanted()
+        wanted = self.session.outputs.wanted() or self.works_unasked(self._declared.current)
         if wanted == self.inputs.active:
             self.inputs.refresh()
         elif wanted:

@@ -65,6 +65,11 @@ def packed(keypoints: Keypoints, count: int) -> PackedKeypoints:
     return PackedKeypoints(measured.astype(np.float32), sigma.astype(np.float32), descriptors)
 
 
+def thinned(keypoints: Keypoints, count: int) -> Keypoints:
+    """The first `count` of them."""
+    return Keypoints(keypoints.measured[:count], keypoints.sigma[:count], keypoints.descriptors[:count])
+
+
 def equalised(left: ByteImage, clip: float) -> ByteImage:
     """Gray of an image (H, W) or (H, W, 3) RGB, its contrast equalised part by part (CLAHE)."""
     gray = left if left.ndim == 2 else np.asarray(cv2.cvtColor(left, cv2.COLOR_RGB2GRAY), np.uint8)
@@ -86,20 +91,25 @@ def find_keypoints(left: ByteImage, disparity: FloatImage, sigma: FloatImage, pa
     -----
     Which image is seen decides in mud: the enhanced one with CLAHE holds where the matcher's own lost every pair.
     """
-    known = (np.isfinite(disparity) & np.isfinite(sigma)).astype(np.uint8)
+    known = with_disparity(disparity, sigma)
     finder = cv2.SIFT.create(nfeatures=params.keypoints, contrastThreshold=0.01)
     points, found = finder.detectAndCompute(equalised(left, params.clahe_clip), known)
     if found is None or not len(points):
         return Keypoints(np.zeros((0, 3)), np.zeros(0), np.zeros((0, 128), np.float32))
-    pixels = np.array([point.pt for point in points], np.float64)
-    d, s = _sampled(disparity, pixels), _sampled(sigma, pixels)
-    kept = np.isfinite(d) & np.isfinite(s)
     root = np.sqrt(found / np.maximum(found.sum(axis=1, keepdims=True), 1e-9)).astype(np.float32)
+    pixels = np.array([point.pt for point in points], np.float64)
+    d, s = sampled(disparity, pixels), sampled(sigma, pixels)
+    kept = np.isfinite(d) & np.isfinite(s)
     return Keypoints(np.column_stack([pixels, d])[kept], s[kept], root[kept])
 
 
-def _sampled(image: FloatImage, pixels: Matrix) -> Matrix:
-    """Bilinear on one surface, nearest elsewhere."""
+def with_disparity(disparity: FloatImage, sigma: FloatImage) -> ByteImage:
+    """(H, W) 1 where a disparity is known."""
+    return (np.isfinite(disparity) & np.isfinite(sigma)).astype(np.uint8)
+
+
+def sampled(image: FloatImage, pixels: Matrix) -> Matrix:
+    """(N,) values of an image (H, W) at places (N, 2) px inside it: bilinear on one surface, nearest elsewhere."""
     u, v = np.floor(pixels).astype(int).T
     u, v = u.clip(0, image.shape[1] - 2), v.clip(0, image.shape[0] - 2)
     x, y = (pixels - np.stack([u, v], axis=1)).T
@@ -107,8 +117,8 @@ def _sampled(image: FloatImage, pixels: Matrix) -> Matrix:
     weights = np.stack([(1 - x) * (1 - y), x * (1 - y), (1 - x) * y, x * y])
     smooth = np.ptp(corners, axis=0) < 1.0  # false where one is NaN
     nearest = np.take_along_axis(corners, weights.argmax(axis=0)[None], axis=0)[0]
-    sampled: Matrix = np.where(smooth, (weights * corners).sum(axis=0), nearest)
-    return sampled
+    values: Matrix = np.where(smooth, (weights * corners).sum(axis=0), nearest)
+    return values
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros import rigid
-from uw_recon_ros.track.keypoints import Keypoints, RigError, constants, points_of
+from uw_recon_ros.track.keypoints import Keypoints, RigError, constants, points_of, thinned
 from uw_recon_ros.track.params import TrackParams
 from uw_recon_ros.types import Matrix, StereoGeometry
 
@@ -20,7 +21,10 @@ _ROUNDS = 6
 _APART_PX = 12.0  # from the place a relation predicts: the match of another one
 _SHARED = 2.5  # measured: neighbouring key points have the matcher's errors in common
 _KEPT = 200  # matches that stay with a relation
-_RIVAL_SIMILARITY = 0.9
+_RIVAL_KEYPOINTS, _RIVAL_SIMILARITY = 700, 0.9
+_LEAST_RIVAL = 10  # inliers; fewer are chance
+_CLEARLY = 0.33  # how much nearer to the guess the relation has to be than its rival
+_FAR_SHARE, _WEAK_SHARE = 0.1, 0.3  # of the depth, of the usual inliers
 
 Pairs = NDArray[np.int64]
 
@@ -139,6 +143,17 @@ def projected(points: Matrix, geometry: StereoGeometry, error: RigError) -> Matr
     fx, fy, cx, cy, fb, offset = constants(geometry, error)
     z = np.where(points[:, 2] > 1e-6, points[:, 2], np.nan)
     return np.stack([fx * points[:, 0] / z + cx, fy * points[:, 1] / z + cy, fb / z - offset], axis=1)
+
+
+def expected_places(measured: Matrix, geometry: StereoGeometry, motion: Matrix) -> Matrix:
+    """(N, 2) px where the second frame shows what the first measured (N, 3); far outside for what is behind it.
+
+    `motion` is first <- second.
+    """
+    there = rigid.inverse(motion)
+    places = projected(points_of(measured, geometry) @ there[:3, :3].T + there[:3, 3], geometry, RigError())[:, :2]
+    found: Matrix = np.nan_to_num(places, nan=-1e6)
+    return found
 
 
 def _projection_slopes(points: Matrix, geometry: StereoGeometry, error: RigError) -> Matrix:
@@ -274,10 +289,15 @@ def relate(
     """
     near = None
     if guess is not None:
-        there = rigid.inverse(guess)
-        expected = projected(points_of(first.measured, geometry) @ there[:3, :3].T + there[:3, 3], geometry, RigError())
-        near = np.nan_to_num(expected[:, :2], nan=-1e6), params.search_px
+        near = expected_places(first.measured, geometry, guess), params.search_px
     matches = matches_of(first, second, match_keypoints(first, second, params.match_ratio, near))
+    return relation_of(matches, geometry, params, inliers)
+
+
+def relation_of(
+    matches: Matches, geometry: StereoGeometry, params: TrackParams, inliers: int | None = None
+) -> RelativePose | None:
+    """Judge matches, however they were found: the motion that enough of them agree on; None where too few do."""
     begun = _p3p(matches, geometry)
     if begun is None:
         return None
@@ -291,6 +311,14 @@ def relate(
     return RelativePose(rigid.inverse(motion), covariance, len(kept.first), chi2, matches=thinned)
 
 
+def contradicts(found: RelativePose, guess: Matrix | None, depth_m: float, usual: Collection[int]) -> bool:
+    """Whether a relation is far from the guess and weaker than usual (inliers before): on tiles, the next tile's."""
+    if guess is None or not usual:
+        return False
+    missed = float(np.linalg.norm((guess - found.motion)[:3, 3]))
+    return missed > _FAR_SHARE * depth_m and found.inliers < _WEAK_SHARE * float(np.median(list(usual)))
+
+
 def rival(
     first: Keypoints, second: Keypoints, geometry: StereoGeometry, params: TrackParams, found: RelativePose
 ) -> tuple[int, Matrix]:
@@ -299,10 +327,9 @@ def rival(
 
     Every key point may match those that look nearly as alike as its best, where `found` does not put it.
     """
-    there = rigid.inverse(found.motion)
-    expected = projected(points_of(first.measured, geometry) @ there[:3, :3].T + there[:3, 3], geometry, RigError())
+    expected = expected_places(first.measured, geometry, found.motion)
     alike = first.descriptors @ second.descriptors.T
-    alike[_near(np.nan_to_num(expected[:, :2], nan=-1e6), second, _APART_PX)] = -1
+    alike[_near(expected, second, _APART_PX)] = -1
     best = alike.argmax(axis=1)
     rows = np.arange(len(first))
     good = np.flatnonzero((alike[rows, best] > _RIVAL_SIMILARITY) & (alike.argmax(axis=0)[best] == rows))
@@ -313,3 +340,22 @@ def rival(
     motion, _, _ = refine(begun[0], matches.picked(begun[1]), geometry, params.keypoint_sigma_px)
     inliers = int(_gated(motion, matches, geometry, params.keypoint_sigma_px).sum())
     return inliers, rigid.inverse(motion)
+
+
+def is_ambiguous(
+    first: Keypoints,
+    second: Keypoints,
+    geometry: StereoGeometry,
+    params: TrackParams,
+    found: RelativePose,
+    guess: Matrix | None = None,
+) -> bool:
+    """Whether another relation explains about as many key points, and no guess is clearly nearer to the one found."""
+    few = thinned(first, _RIVAL_KEYPOINTS), thinned(second, _RIVAL_KEYPOINTS)
+    inliers, other = rival(*few, geometry, params, found)
+    if inliers < max(params.rival_share * found.inliers * len(few[0]) / max(len(first), 1), _LEAST_RIVAL):
+        return False
+    if guess is None:
+        return True
+    missed = np.linalg.norm((guess - found.motion)[:3, 3])
+    return bool(missed > _CLEARLY * np.linalg.norm((guess - other)[:3, 3]))
