@@ -169,7 +169,7 @@ class Odometer:
             return False
         focal = seen.corners.geometry.intrinsics_left[0, 0]
         other = period / focal * depth - float(np.linalg.norm(found.motion[:3, 3]))
-        return other < self.params.odometry_max_speed_m_s * _seconds(seen, now)
+        return bool(other < self.params.odometry_max_speed_m_s * _seconds(seen, now))
 
     def _guess(self, seen: _Seen, now: _Seen) -> Matrix | None:
         if self._velocity is None:
