@@ -46,12 +46,15 @@ class Opened:
         What is to be known before its numbers are used.
     assumed : bool
         Whether the focal length is only assumed, so that shapes are too.
+    calibration : callable or None
+        What its calibration leaves unknown of depth; None: not told.
     """
 
     name: str
     frame: DisparityFrame
     findings: tuple[Finding, ...] = ()
     assumed: bool = False
+    calibration: CalibrationError | None = None
 
 
 def open_frame(path: str | Path, name: str = "") -> Opened:
@@ -81,7 +84,17 @@ def _of_survey(path: Path, name: str) -> Opened:
         some = ", ".join(names[:4])
         text = f"--frame: expected one of the {len(names)} frames kept ({some}, ...), got {name or 'nothing'}"
         raise ReconError(text, Code.MEASURE_INPUT)
-    return Opened(name, read_kept(path / kept_name(name)), _told_of_frame(path / "frames.csv", name))
+    return Opened(
+        name, read_kept(path / kept_name(name)), _told_of_frame(path / "frames.csv", name),
+        calibration=_of_rigs(path / "report.json"),
+    )  # fmt: skip
+
+
+def _of_rigs(report: Path) -> CalibrationError | None:
+    """What the calibration of a survey's rigs leaves unknown, where all have one."""
+    rigs = json.loads(report.read_text())["rigs"].values() if report.is_file() else ()
+    tables = {tuple(map(tuple, rig.get("calibration_depth_sigmas", ()))) for rig in rigs}
+    return error_between(tables.pop()) if len(tables) == 1 else None
 
 
 def _told_of_frame(table: Path, name: str) -> tuple[Finding, ...]:
@@ -89,8 +102,12 @@ def _told_of_frame(table: Path, name: str) -> tuple[Finding, ...]:
     if not table.is_file():
         return ()
     with table.open(newline="", encoding="utf-8") as stream:
-        rows = [row for row in csv.DictReader(stream) if row["frame"] == str(int(name)) and row["status"] == UNRELIABLE]
-    return tuple(Finding(Code.MEASURE_UNRELIABLE, row["reason"], Severity.UNRELIABLE) for row in rows)
+        rows = [row for row in csv.DictReader(stream) if row["frame"] == (name.lstrip("0") or "0")]
+    return tuple(
+        Finding(Code.MEASURE_UNRELIABLE, row["reason"], Severity.UNRELIABLE)
+        for row in rows
+        if row["status"] == UNRELIABLE
+    )
 
 
 def _of_pair(path: Path) -> Opened:
@@ -107,7 +124,9 @@ def _of_pair(path: Path) -> Opened:
     told = [w["text"] for w in report["warnings"] if w["severity"] == "unreliable"]
     findings = tuple(Finding(Code.MEASURE_UNRELIABLE, text, Severity.UNRELIABLE) for text in told)
     frame = DisparityFrame(0, np.asarray(read_image(path / "left_rect.png"), np.uint8), disparity, sigma, geometry)
-    return Opened(path.name, frame, findings, report["rectification"]["method"] == _ASSUMED)
+    rectification = report["rectification"]
+    sigmas = rectification.get("calibration_depth_sigmas", ())
+    return Opened(path.resolve().name, frame, findings, rectification["method"] == _ASSUMED, error_between(sigmas))
 
 
 def _geometry(told: dict[str, Any]) -> StereoGeometry:
@@ -127,14 +146,23 @@ def calibration_error(path: str | Path) -> CalibrationError:
     """
     try:
         table = json.loads(Path(path).read_text())["depth_errors"]
-        rows = [(math.log(e["range_m"]), e["mean_percent"] / 100) for e in table if e["mean_percent"] is not None]
+        rows = [(e["range_m"], e["mean_percent"] / 100) for e in table if e["mean_percent"] is not None]
     except (ValueError, KeyError, TypeError) as error:
         text = f"{path}: expected a calibration.json of `uw_recon calibrate`, got {error!r}"
         raise ReconError(text, Code.MEASURE_INPUT) from error
-    if not rows:
+    found = error_between(rows)
+    if found is None:
         raise ReconError(f"{path}: expected depth errors, got none: was --square-mm given?", Code.MEASURE_INPUT)
-    ranges, errors = zip(*rows, strict=True)
-    return lambda depth: float(np.interp(math.log(max(depth, 1e-6)), ranges, errors))
+    return found
+
+
+def error_between(table: Sequence[Sequence[float]]) -> CalibrationError | None:
+    """Relative sigma of depth at any depth, from rows of range, m, and fraction; None for no rows."""
+    if not table:
+        return None
+    ranges, errors = zip(*table, strict=True)
+    logs = [math.log(range_m) for range_m in ranges]
+    return lambda depth: float(np.interp(math.log(max(depth, 1e-6)), logs, errors))
 
 
 def scaled(

@@ -58,6 +58,7 @@ def _report(result: Products) -> PairReport:
             "inliers": quality.inliers,
             "medium": quality.medium or None,
             "shape_sigma_percent": finite(quality.shape_sigma_percent),
+            "calibration_depth_sigmas": quality.origin.depth_sigmas,
             "refused": None,
             "warnings": [str(finding) for finding in quality.warnings],
         },
@@ -104,7 +105,7 @@ def _failure(stage: str, error: ReconError) -> PairReport:
     """A report of the same form for a pair that did not come through."""
     nothing = dict.fromkeys(
         ["method", "row_error_median_px", "row_error_p95_px", "inliers", "medium", "shape_sigma_percent"]
-    )
+    ) | {"calibration_depth_sigmas": ()}
     names = ("method", "energy", "seconds", "density", "min_disparity", "max_disparity", "residual_row_px")
     return {
         "rectification": {**nothing, "refused": str(error) if stage == "rectify" else None, "warnings": []},
@@ -140,7 +141,7 @@ def _write_result(output: Path, result: Products, report: PairReport) -> None:
     write_glb(output / "mesh.glb", result.surface)
     write_pair_page(
         output / "index.html", result.raw, result.enhanced, result.rectified, result.disparity, result.depth,
-        result.surface, report, clickable=_clickable(output.name, result, report),
+        result.surface, report, clickable=_clickable(output.resolve().name, result, report),
     )  # fmt: skip
     _write_json(output / "report.json", report)
 
@@ -150,7 +151,8 @@ def _clickable(name: str, result: Products, report: PairReport) -> Clickable:
     kept = result.kept
     if not kept.geometry.metric:
         kept = replace(kept, disparity=result.disparity.disparity, sigma=result.disparity.sigma)
-    return Clickable(replace(kept, stamp_ns=0), name, reliable=report["reliable"])
+    sigmas = result.rectified.quality.origin.depth_sigmas
+    return Clickable(replace(kept, stamp_ns=0), name, sigmas, report["reliable"])
 
 
 def _expect_surface(result: Products, left: str | Path, right: str | Path) -> None:

@@ -125,12 +125,55 @@ class CameraModel:
     binning: tuple[int, int] = (1, 1)
 
 
+@dataclass(frozen=True)
+class FlatPorts:
+    """Flat panes of one kind before both cameras of a rig.
+
+    Parameters
+    ----------
+    distance_m : float
+        From either camera's centre of projection to the inner face, along the normal.
+    thickness_m : float
+    glass, water : float
+        Refractive indices.
+    normal_left, normal_right : (x, y, z)
+        Unit vectors outwards, each in its raw camera's frame.
+    """
+
+    distance_m: float
+    thickness_m: float
+    glass: float
+    water: float
+    normal_left: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    normal_right: tuple[float, float, float] = (0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class CalibrationOrigin:
+    """How a calibration came about, as far as its file tells.
+
+    Parameters
+    ----------
+    medium : {'water', 'air', 'unknown'}
+        In which the pictures of the board were taken, behind the ports if there are any.
+    depth_sigmas : tuple of (range_m, fraction)
+        Relative standard deviation of depth by the calibration, by range; empty: not known.
+    ports : FlatPorts or None
+        Of a calibration in air: what stands before the cameras in water.
+    """
+
+    medium: str = "unknown"
+    depth_sigmas: tuple[tuple[float, float], ...] = ()
+    ports: FlatPorts | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class StereoCalibration:
     """The two cameras of a rig. Extrinsics follow from ``r`` and ``p`` of both."""
 
     left: CameraModel
     right: CameraModel
+    origin: CalibrationOrigin = CalibrationOrigin()
 
 
 @dataclass(frozen=True)
@@ -300,6 +343,8 @@ class RectificationQuality:
     shape_sigma_percent : float
         Of an uncalibrated shape: standard deviation of relative depths, by focal length and plane at infinity; NaN for
         a calibrated one.
+    origin : CalibrationOrigin
+        Of the calibration.
     """
 
     method: str
@@ -309,6 +354,7 @@ class RectificationQuality:
     warnings: tuple[Finding, ...] = ()
     medium: str = ""
     shape_sigma_percent: float = float("nan")
+    origin: CalibrationOrigin = CalibrationOrigin()
 
 
 @dataclass(frozen=True, eq=False)

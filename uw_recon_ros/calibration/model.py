@@ -170,7 +170,7 @@ def scaled(calibration: StereoCalibration, size: tuple[int, int]) -> StereoCalib
     CalibrationError
         The proportions differ: another mode of the camera shows another part of the sensor, which no scale tells.
     """
-    return StereoCalibration(_scaled(calibration.left, size), _scaled(calibration.right, size))
+    return replace(calibration, left=_scaled(calibration.left, size), right=_scaled(calibration.right, size))
 
 
 def _scaled(camera: CameraModel, size: tuple[int, int]) -> CameraModel:

@@ -37,4 +37,4 @@ def rig_as_imaged(calibration: StereoCalibration, rectified: tuple[bool, bool]) 
         as_rectified(camera) if is_rectified else camera
         for camera, is_rectified in zip((calibration.left, calibration.right), rectified, strict=True)
     )
-    return StereoCalibration(left, right)
+    return replace(calibration, left=left, right=right)

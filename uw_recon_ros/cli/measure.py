@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
     if not 0 <= args.click_px <= 100:
         raise UsageError(f"--click-px: expected 0 to 100, got {args.click_px:g}")
     opened = open_frame(args.input, args.frame)
-    error = calibration_error(args.calibration_report) if args.calibration_report else None
+    error = calibration_error(args.calibration_report) if args.calibration_report else opened.calibration
     if args.known_length:
         length, *bar = args.known_length
         opened, error = scaled(

@@ -10,7 +10,7 @@ import numpy as np
 from uw_recon_ros.errors import CalibrationError, EstimationError
 from uw_recon_ros.findings import Code, Finding, Severity, worst
 from uw_recon_ros.rectify.params import RectifyParams
-from uw_recon_ros.rectify.port import PortCamera, through_flat_ports
+from uw_recon_ros.rectify.port import PortCamera, ports_of, through_flat_ports
 from uw_recon_ros.rectify.rectification import Rectification, behind, exchanged
 from uw_recon_ros.rectify.rectified_camera import RectifiedCamera, Views
 from uw_recon_ros.rectify.refraction_check import PortIndex, port_index
@@ -28,9 +28,10 @@ from uw_recon_ros.types import (
 
 _MADE_IN_AIR = Finding(
     Code.CALIBRATION_MADE_IN_AIR,
-    "metres withheld: the calibration was made in air (medium: air), where depth in water comes out a quarter short",
+    "metres withheld: the calibration was made in air (medium: air, or by its file), where depth in water comes out a "
+    "quarter short",
     Severity.UNRELIABLE,
-    "calibrate in water",
+    "calibrate in water, or describe the port (port: flat)",
 )
 
 
@@ -130,6 +131,17 @@ def _with_what_is_told(rectification: Rectification, quality: RectificationQuali
     return replace(rectification, quality=quality, geometry=geometry)
 
 
+def _told_origin(rectification: Rectification, calibration: StereoCalibration) -> Rectification:
+    return rectification.with_quality(replace(rectification.quality, origin=calibration.origin))
+
+
+def made_in(rectification: Rectification, params: RectifyParams) -> str:
+    """What the calibration was made in, as `medium` has it: by the parameter, else by the calibration's file."""
+    if params.medium != "unknown":
+        return params.medium
+    return {"water": "as_used", "air": "air"}.get(rectification.quality.origin.medium, "unknown")
+
+
 def _medium(
     rectification: Rectification, tie_points: TiePoints, rows: RowAgreement, params: RectifyParams
 ) -> tuple[str, tuple[Finding, ...]]:
@@ -143,19 +155,20 @@ def _medium(
     if found is None or found.medium != "water":
         return "cannot tell" if found is None else found.medium, findings
     others = (f for f in findings if f.code not in (Code.RECTIFY_ROWS_DISAGREE, Code.RECTIFY_SCALE_WITHHELD))
-    withheld = () if params.medium == "as_used" else (_metres_of_air(found.index),)
-    return found.medium, (_in_air(found, params), *withheld, *others)
+    in_water = made_in(rectification, params) == "as_used"
+    withheld = () if in_water else (_metres_of_air(found.index),)
+    return found.medium, (_in_air(found, told=in_water), *withheld, *others)
 
 
-def _in_air(found: PortIndex, params: RectifyParams) -> Finding:
+def _in_air(found: PortIndex, *, told: bool) -> Finding:
     text = (
         f"calibrated in air, used in water? "
         f"vertical (epipolar) error is {found.row_error_at_one_px:.1f} px (median, their common "
         f"shift apart); a focal length {found.index:.2f} times as long, as water behind flat ports makes it, leaves "
         f"{found.row_error_px:.1f} px: depth would be about {1 - 1 / found.index:.0%} short"
     )
-    told = " (medium: as_used says that it was made in water)" if params.medium == "as_used" else ""
-    return Finding(Code.RECTIFY_CALIBRATED_IN_AIR, text + told, Severity.UNRELIABLE, "calibrate in water")
+    contrary = " (medium: as_used, or the calibration's file, says that it was made in water)" if told else ""
+    return Finding(Code.RECTIFY_CALIBRATED_IN_AIR, text + contrary, Severity.UNRELIABLE, "calibrate in water")
 
 
 def _metres_of_air(index: float) -> Finding:
@@ -228,14 +241,15 @@ def rectification_from_calibration(
     size = calibration.left.width, calibration.left.height
     left, right = RectifiedCamera.of_camera(calibration.left), RectifiedCamera.of_camera(calibration.right)
     told = judgement.findings
-    if params.port == "flat":
-        left, right, baseline, port_finding = through_flat_ports((left, right), baseline, axis, size, params)
-        told = (*told, port_finding)
+    ports = ports_of(params) if params.port == "flat" else calibration.origin.ports
+    if ports is not None:
+        views = through_flat_ports((left, right), baseline, axis, size, ports, params.port_range_m)
+        left, right, baseline, told = *views[:3], (*told, views[3])
     if left.identity and right.identity:
         rectification = _as_given((left, right), size, _geometry(left, right, axis, baseline))
     else:
         rectification = _warped((left, right), size, lambda le, ri: _geometry(le, ri, axis, baseline), params)
-    rectification = _marked(rectification, told)
-    if params.medium == "air" and params.port == "none":
+    rectification = _marked(_told_origin(rectification, calibration), told)
+    if made_in(rectification, params) == "air" and ports is None:
         rectification = _marked(replace(rectification, geometry=rectification.geometry.unscaled), (_MADE_IN_AIR,))
     return rectification if tie_points is None else judged(rectification, tie_points, params)

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from uw_recon_ros.findings import Code, Finding, Severity
 from uw_recon_ros.rectify.params import RectifyParams
 from uw_recon_ros.rectify.rectified_camera import RectifiedCamera, distorted, undistorted
-from uw_recon_ros.types import Axis, Matrix
+from uw_recon_ros.types import Axis, FlatPorts, Matrix
 
 _STEPS = 12
 _ZONE = 0.7  # of the corner's tangent: errors grow with its square, and are as large in the middle as in the corners
@@ -187,7 +187,7 @@ class PortCamera(RectifiedCamera):
 def behind_ports(
     views: tuple[RectifiedCamera, RectifiedCamera],
     baseline: Matrix,
-    port: FlatPort,
+    ports: tuple[FlatPort, FlatPort],
     range_m: float,
     size: tuple[int, int],
 ) -> tuple[PortCamera, PortCamera, Matrix]:
@@ -199,8 +199,8 @@ def behind_ports(
         As the calibration in air prescribes.
     baseline : (3,) float64
         Of the right camera in the rectified left frame, m.
-    port : FlatPort
-        The same before both, in the frame of either.
+    ports : two of FlatPort
+        Each in its raw camera's frame.
     range_m : float
     size : (width, height)
         Of the raw images, px.
@@ -210,18 +210,19 @@ def behind_ports(
     PortCamera, PortCamera, (3,) float64
         The views turned so that the line between the points where rays meet is the baseline again, and that baseline.
     """
-    left, right = views
-    port = replace(port, zone=_ZONE * max(_corner(view, size) for view in views))
-    moved = baseline + right.r @ port.meeting_point - left.r @ port.meeting_point
+    zone = _ZONE * max(_corner(view, size) for view in views)
+    panes = [replace(port, zone=zone) for port in ports]
+    away = [view.r @ pane.meeting_point for view, pane in zip(views, panes, strict=True)]
+    moved = baseline + away[1] - away[0]
     axis = int(np.argmax(np.abs(baseline)))
     wanted = np.sign(baseline[axis]) * np.eye(3)[axis]
     turn = _onto(moved, wanted)
     along = np.linalg.norm(moved) * wanted
     made = [
         PortCamera(
-            view.k, turn @ view.r, _magnified(view.k_new, port.water), view.d, view.distortion_model, port, range_m
+            view.k, turn @ view.r, _magnified(view.k_new, pane.water), view.d, view.distortion_model, pane, range_m
         )
-        for view in views
+        for view, pane in zip(views, panes, strict=True)
     ]
     return made[0], made[1], along
 
@@ -303,24 +304,37 @@ def _imaged(view: PortCamera, points: Matrix) -> Matrix:
     return at.raw(pixels[:, :2])
 
 
+def ports_of(params: RectifyParams) -> FlatPorts:
+    """The ports that parameters describe."""
+    return FlatPorts(
+        params.port_distance_mm / 1e3, params.port_thickness_mm / 1e3, params.port_index, params.water_index
+    )
+
+
+def panes_of(ports: FlatPorts) -> tuple[FlatPort, FlatPort]:
+    """The left and the right one, to trace rays through."""
+    left, right = (
+        FlatPort(ports.distance_m, ports.thickness_m, ports.glass, ports.water, normal)
+        for normal in (ports.normal_left, ports.normal_right)
+    )
+    return left, right
+
+
 def through_flat_ports(
     views: tuple[RectifiedCamera, RectifiedCamera], baseline_m: float, axis: Axis, size: tuple[int, int],
-    params: RectifyParams,
+    ports: FlatPorts, range_m: float,
 ) -> tuple[PortCamera, PortCamera, float, Finding]:  # fmt: skip
-    """What a calibration in air becomes behind the flat ports that parameters describe, and how exact that is.
+    """What a calibration in air becomes behind flat ports, and how exact that is.
 
     Returns
     -------
     PortCamera, PortCamera, float, Finding
         The baseline in m, signed as before.
     """
-    port = FlatPort(
-        params.port_distance_mm / 1e3, params.port_thickness_mm / 1e3, params.port_index, params.water_index
-    )
     along = 0 if axis == "horizontal" else 1
-    left, right, baseline = behind_ports(views, baseline_m * np.eye(3)[along], port, params.port_range_m, size)
+    left, right, baseline = behind_ports(views, baseline_m * np.eye(3)[along], panes_of(ports), range_m, size)
     errors = port_errors(left, right, baseline, size, np.array(_REPORTED_M))
-    return left, right, float(baseline[along]), _told(left.port, errors, params.port_range_m)
+    return left, right, float(baseline[along]), _told(left.port, errors, range_m)
 
 
 def _told(port: FlatPort, errors: tuple[PortErrors, ...], range_m: float) -> Finding:

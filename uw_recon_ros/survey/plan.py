@@ -25,12 +25,21 @@ from uw_recon_ros.preprocess.stage import PreprocessParams
 from uw_recon_ros.reconstruct.stage import ReconstructParams
 from uw_recon_ros.recordings.pair_index import Frame
 from uw_recon_ros.recordings.sources import Source
+from uw_recon_ros.rectify.port import FlatPort, PortCamera
 from uw_recon_ros.rectify.rectification import Rectification
 from uw_recon_ros.rectify.rectified_camera import RectifiedCamera
 from uw_recon_ros.rectify.stage import RectifyParams
 from uw_recon_ros.survey.params import SurveyParams
 from uw_recon_ros.survey.store import SurveyError, compare, describe
-from uw_recon_ros.types import CameraModel, RectificationQuality, StereoCalibration, StereoGeometry, Window
+from uw_recon_ros.types import (
+    CalibrationOrigin,
+    CameraModel,
+    FlatPorts,
+    RectificationQuality,
+    StereoCalibration,
+    StereoGeometry,
+    Window,
+)
 
 #: Packages whose version may change a bit of the output.
 _DEPENDENCIES = (
@@ -114,8 +123,8 @@ class Task:
 
 _CLASSES = (
     Plan, Source, StereoCalibration, CameraModel, SurveyParams, PipelineParams, PreprocessParams, RectifyParams,
-    MatchParams, ReconstructParams, Rectification, RectifiedCamera, StereoGeometry, RectificationQuality, Finding,
-    Window,
+    MatchParams, ReconstructParams, Rectification, RectifiedCamera, PortCamera, FlatPort, FlatPorts, CalibrationOrigin,
+    StereoGeometry, RectificationQuality, Finding, Window,
 )  # fmt: skip
 
 

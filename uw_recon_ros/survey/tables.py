@@ -147,6 +147,7 @@ def _rig(found: Rectification) -> dict[str, Any]:
         "inliers": quality.inliers,
         "medium": quality.medium or None,
         "shape_sigma_percent": finite(quality.shape_sigma_percent),
+        "calibration_depth_sigmas": quality.origin.depth_sigmas,
         "warnings": [str(finding) for finding in quality.warnings],
         "axis": geometry.axis,
         "focal_px": geometry.focal_px,

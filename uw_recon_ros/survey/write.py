@@ -78,7 +78,9 @@ def _view(number: int, products: Products) -> str:
     depth, density = products.depth, products.disparity.density
     facts = [("time stamp", time_of(depth.stamp_ns)), ("density", f"{density:.0%}")]
     reliable = worst(products.findings) < Severity.UNRELIABLE
-    clicks = clicks_section(Clickable(products.kept, frame_name(number), reliable=reliable))
+    clicks = clicks_section(
+        Clickable(products.kept, frame_name(number), products.rectified.quality.origin.depth_sigmas, reliable)
+    )
     return render_page(f"Frame {number}", Summary(facts=facts), [clicks], products.surface)
 
 

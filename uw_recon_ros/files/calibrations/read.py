@@ -9,7 +9,7 @@ from typing import Any
 
 from uw_recon_ros.calibration.together import Parts
 from uw_recon_ros.errors import CalibrationError
-from uw_recon_ros.files.calibrations import parts, ros
+from uw_recon_ros.files.calibrations import own, parts, ros
 from uw_recon_ros.files.calibrations.document import LARGEST_BYTES, Document, read_documents
 from uw_recon_ros.files.calibrations.found import Size, list_of, squeezed
 from uw_recon_ros.findings import Code
@@ -22,6 +22,7 @@ Paths = str | Path | Sequence[str | Path]
 _SUFFIXES = (".yaml", ".yml", ".xml", ".txt", ".json", ".npz", ".mat", ".conf")
 _MOST_FILES = 200
 _ACCEPTED = (
+    "calibration.json of uw_recon calibrate, "
     "camera_info YAML (one file or two, a folder, a tarball of camera_calibration), ost.txt, topic echo, kalibr, "
     "EuRoC, OpenCV yml/xml, VIAME json/npz, ZED conf, MATLAB struct, KITTI, COLMAP"
 )
@@ -279,6 +280,8 @@ def _colmap(documents: Documents) -> Documents:
 
 #: In the order they are tried: where a folder holds a rig twice, the first form counts.
 FORMS = (
+    Form("calibration.json of uw_recon calibrate", lambda documents: [d for d in documents if own.is_own(d)], 1,
+         lambda documents, size, unit: own.rig_of(documents[0])),
     _ros_form("camera_info YAML", ros.is_camera, ros.camera_of_file),
     _ros_form("a printed CameraInfo (ros2 topic echo)", ros.is_echo, ros.camera_of_echo),
     _ros_form("ost.txt of camera_calibration", ros.is_ost, ros.camera_of_ost),
