@@ -37,9 +37,9 @@ TRUE_DEPTH_M = 1.256
 DEPTH_TOLERANCE = 0.03
 JUDGEMENTS = (
     "works", "works, no metres", "readable", "doubted", "refused clearly", "confusing", "silently wrong", "crash",
-    "not run",
+    "out of time", "not run",
 )  # fmt: skip
-BAD = ("confusing", "silently wrong", "crash")
+BAD = ("confusing", "silently wrong", "crash", "out of time")
 #: What a foreign sentence looks like: the system's, a library's, or an exception's name.
 _RAW = re.compile(
     r"\[Errno|could not (broadcast|determine a constructor)|while scanning|cv2\.error|OpenCV\(|\w+Error:", re.IGNORECASE
@@ -87,7 +87,7 @@ class Outcome:
     ----------
     case, command : str
     code : int or None
-        Exit code; negative: ended by that signal; None: not run.
+        Exit code; negative: ended by that signal; None: not run, or out of time.
     seconds : float
     peak_mb : float
         Greatest resident memory of all its processes together, MB.
@@ -147,20 +147,24 @@ def arguments_of(command: str, output: str) -> list[str]:
     return [output if word == "out" else word for word in words]
 
 
-def run(program: Sequence[str], work: Path, seconds: float, memory_mb: int) -> tuple[int, float, float, str]:
-    """Run within bounds: exit code, seconds, peak memory in MB, what it said. No process is left behind."""
-    started, peak = time.monotonic(), 0.0
+def run(program: Sequence[str], work: Path, seconds: float, memory_mb: int) -> tuple[int | None, float, float, str]:
+    """Run within bounds: exit code, seconds, peak memory in MB, what it said. No process is left behind.
+
+    The exit code is None where the time ran out, of which the machine may be the cause.
+    """
+    started, peak, late = time.monotonic(), 0.0, False
     with tempfile.TemporaryFile("w+", errors="replace") as said:
         process = psutil.Popen(program, cwd=work, stdin=subprocess.DEVNULL, stdout=said, stderr=said)
         try:
             while not _ended(process):
                 peak = max(peak, resident_mb(process))
-                if peak > memory_mb or time.monotonic() - started > seconds:
+                late = time.monotonic() - started > seconds
+                if peak > memory_mb or late:
                     break
         finally:
             end(process)
         said.seek(0)
-        return process.returncode, time.monotonic() - started, peak, said.read()
+        return None if late else process.returncode, time.monotonic() - started, peak, said.read()
 
 
 def _ended(process: psutil.Popen) -> bool:
@@ -247,8 +251,10 @@ def _told_of_survey(output: Path, report: dict[str, Any], codes: list[str]) -> T
     return Told(tuple(dict.fromkeys(codes)), report["reliable"], len(rows) - len(failed), reasons)
 
 
-def judge(code: int, stderr: str, told: Told, depth_m: float | None) -> str:
-    """Judge an outcome, as far as a program can."""
+def judge(code: int | None, stderr: str, told: Told, depth_m: float | None) -> str:
+    """Judge an outcome, as far as a program can; without an exit code the time ran out."""
+    if code is None:
+        return "out of time"
     if code not in (0, 1, 2) or _TRACE in stderr or Code.INTERNAL in told.codes:
         return "crash"
     if told.reconstructed:
@@ -291,7 +297,7 @@ def run_case(case: Path, program: Sequence[str], seconds: float, memory_mb: int)
         return results
 
 
-def _outcome(case: str, command: str, ran: tuple[int, float, float, str], output: Path) -> Outcome:
+def _outcome(case: str, command: str, ran: tuple[int | None, float, float, str], output: Path) -> Outcome:
     code, took, peak, said = ran
     depth, told = median_depth(output), read_told(output)
     lines = [*told.reasons, *(line.strip() for line in said.splitlines() if line.strip())]
@@ -315,7 +321,7 @@ def _shortened(command: str) -> str:
 
 
 def main() -> int:
-    """Run cases; 1 where one crashed, confused or was silently wrong."""
+    """Run cases; 1 where one crashed, confused, was silently wrong or did not end in time."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("cases", type=Path)
     parser.add_argument("--output", type=Path, default=Path("cases_out"), help="default: %(default)s")

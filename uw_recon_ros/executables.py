@@ -6,9 +6,13 @@ left at once.
 
 from __future__ import annotations
 
+import os
 from importlib import import_module
 
 from uw_recon_ros import signals
+
+# What OpenCV thinks of a damaged image is in what it returns; on the terminal stand our own words.
+os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
 
 
 def _run(module: str) -> None:

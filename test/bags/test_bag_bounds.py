@@ -23,7 +23,7 @@ CHILD = """
 import json, resource, sys
 from uw_recon_ros.files import strict_yaml
 from uw_recon_ros.bags import mcap_chunk
-from uw_recon_ros.bags.info import bag_info
+from uw_recon_ros.recordings.info import bag_info
 from uw_recon_ros.errors import BagError
 count, parsed = [0], [0]
 records, load = mcap_chunk.records, strict_yaml.load

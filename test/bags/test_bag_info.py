@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from helpers.bag_makers import IMAGE, MS, camera, cut, image_bytes, recording, write_mcap
 
-from uw_recon_ros.bags import BagWriter, RawMessage, bag_info
+from uw_recon_ros.bags import BagWriter, RawMessage
 from uw_recon_ros.cli import main
+from uw_recon_ros.recordings.info import bag_info
 from uw_recon_ros.types import CameraModel
 
 

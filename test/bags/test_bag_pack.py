@@ -9,9 +9,10 @@ import pytest
 from helpers.bag_makers import camera, recording
 from rosbags.highlevel import AnyReader
 
-from uw_recon_ros.bags import BagWriter, bag_info, open_bag, write_bag
+from uw_recon_ros.bags import BagWriter, open_bag, write_bag
 from uw_recon_ros.errors import BagError, ImageError
 from uw_recon_ros.files.images import write_image
+from uw_recon_ros.recordings.info import bag_info
 from uw_recon_ros.recordings.pack import pack
 from uw_recon_ros.types import RawImage, StereoCalibration
 
@@ -108,9 +109,7 @@ def test_what_cannot_be_packed(tmp_path: Path) -> None:
     write_image(tmp_path / "right" / "right_3.png", still(0)[:6])
     refused(tmp_path, left, right, match=r"right_3\.png: expected 16x12 px colour 8 bit as left_0\.png, got 16x6 px")
     (tmp_path / "right" / "right_3.png").write_bytes(b"no image")
-    refused(
-        tmp_path, left, right, match=r"right_3\.png: expected an image file: compressed image: expected JPEG or PNG"
-    )
+    refused(tmp_path, left, right, match=r"right_3\.png: expected an image file: expected JPEG or PNG")
 
 
 def test_a_calibration_for_another_size(tmp_path: Path) -> None:

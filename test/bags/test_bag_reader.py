@@ -18,7 +18,6 @@ from uw_recon_ros.bags import (
     QosProfile,
     RawMessage,
     TopicInfo,
-    bag_info,
     find_stereo_topics,
     messages,
     open_bag,
@@ -26,6 +25,7 @@ from uw_recon_ros.bags import (
 from uw_recon_ros.bags.merge import merge_by_time
 from uw_recon_ros.bags.model import parse_qos
 from uw_recon_ros.errors import BagError
+from uw_recon_ros.recordings.info import bag_info
 
 
 def read_all(path: Path, topics: list[str] | None = None) -> list[RawMessage]:

@@ -14,7 +14,6 @@ from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
 
 from uw_recon_ros.bags import messages
-from uw_recon_ros.bags.info import bag_info
 from uw_recon_ros.bags.writer import BagWriter
 from uw_recon_ros.calibration.judge import judge_calibration
 from uw_recon_ros.cli import main
@@ -26,6 +25,7 @@ from uw_recon_ros.findings import Code, Severity
 from uw_recon_ros.nodes.rectify_node import RigRectifier
 from uw_recon_ros.pair import reconstruct_files
 from uw_recon_ros.pipeline import PipelineParams
+from uw_recon_ros.recordings.info import bag_info
 from uw_recon_ros.recordings.listing import list_frames
 from uw_recon_ros.recordings.options import Options
 from uw_recon_ros.recordings.sources import find_sources

@@ -54,7 +54,7 @@ def test_what_is_damaged_or_cut_is_read_or_refused_and_nothing_else(
 
 def test_a_jpeg_cut_short_is_refused_not_filled_with_gray() -> None:
     data = encoded(".jpg", 64, 64)
-    with pytest.raises(ImageError, match="cut short, no end-of-image marker"):
+    with pytest.raises(ImageError, match="cut short: no end-of-image marker"):
         decode_compressed(data[: len(data) // 2])
     assert decode_compressed(data + bytes(64)).shape == (64, 64, 3), "cameras pad"
 

@@ -11,7 +11,7 @@ from helpers.videos import Image, texture, views
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 
-from uw_recon_ros.bags import BagWriter, bag_info, messages
+from uw_recon_ros.bags import BagWriter, messages
 from uw_recon_ros.bags.messages import CAMERA_INFO, COMPRESSED_IMAGE, FFMPEG_PACKET, FOXGLOVE_VIDEO, IMAGE, MAKE
 from uw_recon_ros.bags.model import TopicInfo
 from uw_recon_ros.bags.stereo import find_stereo_topics
@@ -19,6 +19,7 @@ from uw_recon_ros.calibration.rectified import named_rectified
 from uw_recon_ros.errors import BagError, ImageError
 from uw_recon_ros.findings import Code
 from uw_recon_ros.messages.headers import header
+from uw_recon_ros.recordings.info import bag_info
 from uw_recon_ros.recordings.options import Options
 from uw_recon_ros.recordings.recording import Recording
 

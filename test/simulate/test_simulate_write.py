@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from uw_recon_ros.bags import bag_info, open_bag
+from uw_recon_ros.bags import open_bag
 from uw_recon_ros.bags.messages import image_from_message, stamp_ns
 from uw_recon_ros.calibration import camera_from_info
 from uw_recon_ros.errors import BagError
+from uw_recon_ros.recordings.info import bag_info
 from uw_recon_ros.rigid import quaternion
 from uw_recon_ros.simulate import Dive, SimulateParams, simulate
 from uw_recon_ros.simulate.rig import rotation_about

@@ -124,6 +124,21 @@ def find_stereo_topics(topics: Sequence[TopicInfo], left: str | None = None, rig
     return StereoTopics(best_left.name, best_right.name, *_info_topics(best_left, best_right, topics))
 
 
+def best_images(topics: Sequence[TopicInfo]) -> str | None:
+    """The images of a bag of one camera; None where it has none."""
+    images = [t for t in topics if t.type in IMAGES and not _DERIVED.search(t.name)]
+    return min(images, key=_rank).name if images else None
+
+
+def holds_one_camera(topics: Sequence[TopicInfo]) -> bool:
+    """Whether there are images, and not of two cameras."""
+    try:
+        find_stereo_topics(topics)
+    except BagError as error:
+        return error.code == Code.RECORDING_ONE_CAMERA and best_images(topics) is not None
+    return False
+
+
 def _best(found: list[tuple[int, TopicInfo, TopicInfo]], told: bool) -> tuple[TopicInfo, TopicInfo]:
     """The best topics of the only rig.
 

@@ -1,4 +1,4 @@
-"""``uw_recon info``: whether a bag can be reconstructed."""
+"""``uw_recon info``: whether a recording can be reconstructed."""
 
 from __future__ import annotations
 
@@ -6,67 +6,75 @@ import argparse
 import json
 import sys
 
-from uw_recon_ros.cli.common import FAILED, OK, UsageError
+from uw_recon_ros.cli.common import FAILED, OK, UsageError, add_calibration
 from uw_recon_ros.pairing import PAIR_TOLERANCE_MS
 
-HELP = "check whether a bag can be reconstructed"
-DESCRIPTION = "Check whether a bag can be reconstructed: topics, pairs, stamps, calibration, damage."
+HELP = "check whether a recording can be reconstructed"
+DESCRIPTION = (
+    "Check whether a bag, a video or a folder of stills can be reconstructed: topics or files, pairs, stamps, "
+    "calibration, damage."
+)
 EPILOG = "Exit code: 0 it can be reconstructed, 1 it cannot, 2 wrong usage."
 _LARGEST_TOLERANCE_MS = 1e3
+_LAYOUTS = ("auto", "separate", "side-by-side", "top-bottom", "row-interleaved", "mpo")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what it takes."""
     parser.add_argument(
-        "bag", metavar="BAG", help="rosbag2 bag (a folder, .mcap or .db3), a video, or a folder of stills"
-    )
+        "inputs", nargs="+", metavar="BAG",
+        help="rosbag2 bag (a folder, .mcap or .db3), a video, or a folder of stills; two videos or two bags of one "
+        "camera each are a left and a right one",
+    )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="one JSON object instead of the text")
     parser.add_argument(
         "--pair-tolerance-ms", type=float, default=PAIR_TOLERANCE_MS, metavar="MS",
         help="largest difference of stamps within a pair, as for survey (default %(default)s)",
     )  # fmt: skip
-    parser.add_argument("--left-topic", metavar="TOPIC", help="left images (default: found by type and name)")
-    parser.add_argument("--right-topic", metavar="TOPIC", help="right images (default: found by type and name)")
+    parser.add_argument("--left-topic", default="", metavar="TOPIC", help="left images (default: by type and name)")
+    parser.add_argument("--right-topic", default="", metavar="TOPIC", help="right images (default: by type and name)")
+    parser.add_argument(
+        "--layout", choices=_LAYOUTS, default="auto",
+        help="how both views lie in one image of stills and videos (default: found)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--clock-offset", default="auto", metavar="S",
+        help="seconds that the right camera's clock is ahead, as for survey (default %(default)s)",
+    )  # fmt: skip
     parser.add_argument(
         "--images-rectified", choices=("auto", "yes", "no"), default="auto",
         help="whether the images come rectified already (default: by their topics' names)",
     )  # fmt: skip
-
-
-def _is_bag(path: str) -> bool:
-    """Whether it is to be judged as a bag: it is one, or nothing else."""
-    from uw_recon_ros.errors import BagError
-    from uw_recon_ros.recordings.sources import find_sources
-
-    try:
-        return all(source.kind == "bag" for source in find_sources([path]))
-    except BagError:
-        return True
-
-
-def _show(args: argparse.Namespace) -> int:
-    """What stills and videos hold; an error where there are no pairs."""
-    from uw_recon_ros.recordings.options import Options
-    from uw_recon_ros.recordings.recording import Recording
-
-    with Recording(args.bag, Options(pair_tolerance_ms=args.pair_tolerance_ms)) as found:
-        sys.stdout.write(f"{json.dumps(found.as_dict()) if args.json else found}\n")
-    return OK
+    add_calibration(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Look at the bag, and say what it allows."""
-    from uw_recon_ros.bags.info import bag_info
+    """Look at the recording, and say what it allows."""
+    from functools import partial
+
+    from uw_recon_ros.files.calibrations import read_calibration
+    from uw_recon_ros.recordings.info import inspect_recording
+    from uw_recon_ros.recordings.listing import first_size
+    from uw_recon_ros.recordings.options import Options, is_clock_offset
+    from uw_recon_ros.recordings.sources import find_sources
 
     if not 0 <= args.pair_tolerance_ms <= _LARGEST_TOLERANCE_MS:
         raise UsageError(
             f"--pair-tolerance-ms: expected 0 to {_LARGEST_TOLERANCE_MS:g}, got {args.pair_tolerance_ms:g}"
         )
-    if not _is_bag(args.bag):
-        return _show(args)
-    found = bag_info(
-        args.bag, args.left_topic, args.right_topic, tolerance_ns=round(args.pair_tolerance_ms * 1e6),
-        images_rectified=args.images_rectified,
-    )  # fmt: skip
-    sys.stdout.write(f"{json.dumps(found.as_dict(), allow_nan=False) if args.json else found}\n")
-    return OK if found.reconstructable else FAILED
+    if not is_clock_offset(args.clock_offset):
+        raise UsageError(f"--clock-offset: expected auto or a number of seconds, got {args.clock_offset[:40]!r}")
+    options = Options(
+        args.left_topic, args.right_topic, args.pair_tolerance_ms, layout=args.layout, clock_offset=args.clock_offset
+    )
+    size = partial(first_size, find_sources(args.inputs), options)
+    given = read_calibration(args.calibration, size) if args.calibration else None
+    found = inspect_recording(args.inputs, options, given, args.images_rectified)
+    fine = all(info.reconstructable for info in found)
+    if args.json:
+        each = [info.as_dict() for info in found]
+        shown = each[0] if len(each) == 1 else {"recordings": each, "reconstructable": fine}
+        sys.stdout.write(json.dumps(shown, allow_nan=False) + "\n")
+    else:
+        sys.stdout.write("\n\n".join(map(str, found)) + "\n")
+    return OK if fine else FAILED

@@ -6,15 +6,20 @@ import argparse
 
 from uw_recon_ros.cli.common import OK, add_calibration, shown
 
-HELP = "convert image folders to a bag"
-DESCRIPTION = "Convert image folders to a rosbag2 bag, left and right paired in the order of their names."
+HELP = "convert image folders, videos or two cameras' bags to a bag"
+DESCRIPTION = (
+    "Convert image folders, videos or the bags of two cameras to one rosbag2 bag; stills are paired in the order of "
+    "their names."
+)
 EPILOG = None
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what it takes."""
-    parser.add_argument("--left", required=True, metavar="GLOB", help="left images, quoted: 'left/*.png'")
-    parser.add_argument("--right", required=True, metavar="GLOB", help="right images, quoted: 'right/*.png'")
+    parser.add_argument(
+        "--left", required=True, metavar="GLOB", help="left images, quoted: 'left/*.png'; or a video, or a bag"
+    )
+    parser.add_argument("--right", required=True, metavar="GLOB", help="right ones: 'right/*.png'; a video, a bag")
     parser.add_argument("-o", "--output", required=True, metavar="BAG", help="folder of the bag to make")
     add_calibration(parser)
     parser.add_argument("--rate", type=float, default=2.0, metavar="HZ", help="pairs per second (default %(default)s)")

@@ -114,7 +114,8 @@ def _model(args: argparse.Namespace) -> None:
     if is_built(args.output):
         return
     tell = (lambda _: None) if args.quiet or args.json else say
-    bags = tuple(source.path for source in find_sources(args.inputs) if source.kind == "bag")
+    found = [source for source in find_sources(args.inputs) if source.kind == "bag"]
+    bags = tuple(path for source in found for path in (source.path, source.other) if path)
     made = build_model(Request(args.output, DiveModelParams(), bags=bags), tell)
     if not args.quiet:
         warn(made["warnings"])

@@ -57,7 +57,7 @@ def _png(data: memoryview) -> Size:
     packed = sum(len(whole) - 12 for kind, whole in chunks if kind == b"IDAT")
     raw = width * height * bits * _PNG_CHANNELS[color] // 8
     if raw > _DEFLATE_MOST * packed + 2**16 and width * height <= LARGEST_PIXELS:
-        raise ValueError(f"{packed} bytes of pixels cannot be {width}x{height} px: damaged or cut short")
+        raise ValueError(f"{packed} bytes of pixels cannot be {width}x{height} px")
     return width, height
 
 
@@ -100,7 +100,7 @@ def _jpeg_end(data: memoryview) -> None:
     """Decoders fill what is cut off with gray: it must not be matched. Each scan costs a pass over all pixels."""
     whole = bytes(data)
     if whole.rfind(b"\xff\xd9") < 0:
-        raise ValueError("cut short, no end-of-image marker")
+        raise ValueError("no end-of-image marker")
     _expect(whole.count(b"\xff\xda") <= _MOST_SCANS, "too many scans")
 
 
@@ -245,8 +245,8 @@ def declared_size(data: memoryview, most_pixels: int = LARGEST_PIXELS) -> Size:
     try:
         width, height = read(data)
     except (struct.error, ValueError, LookupError) as error:
-        told = str(error) if type(error) is ValueError else "cut short, or a field is missing"
-        raise ImageError(f"compressed image: {len(data)} bytes with a damaged header ({told})") from error
+        told = str(error) if type(error) is ValueError else "a field of its header is missing"
+        raise ImageError(f"compressed image: {len(data)} bytes, damaged or cut short: {told}") from error
     most = min(most_pixels, LARGEST_PIXELS)
     if not (width > 0 and height > 0 and width * height <= most):
         raise ImageError(f"compressed image: expected a size of 1 to {most} px, got {width}x{height}")

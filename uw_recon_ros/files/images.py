@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import io
+import zlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image, UnidentifiedImageError
 
 from uw_recon_ros.bounds import LARGEST_IMAGE_FILE, LARGEST_PIXELS
 from uw_recon_ros.errors import ImageError
@@ -28,6 +32,7 @@ def decode_any(data: Any, most_pixels: int = LARGEST_PIXELS) -> NDArray[Any]:
     if not len(encoded):
         raise ImageError("compressed image: expected JPEG or PNG data, got 0 bytes")
     width, height = declared_size(encoded, most_pixels)
+    _check_tiff(encoded)
     try:
         image = cv2.imdecode(np.frombuffer(pixels_only(encoded), np.uint8), _decoder_flags(encoded))
     except (cv2.error, MemoryError) as error:
@@ -35,6 +40,32 @@ def decode_any(data: Any, most_pixels: int = LARGEST_PIXELS) -> NDArray[Any]:
     if image is None or image.shape[:2] not in ((height, width), (width, height)):  # EXIF may turn it
         raise ImageError(f"compressed image: {width}x{height} px declared, {len(encoded)} bytes damaged or cut short")
     return image
+
+
+def _check_tiff(encoded: memoryview) -> None:
+    """OpenCV goes on where packed pixels of 8 bits are damaged; Pillow tells, and of Deflate its own checksum does."""
+    if bytes(encoded[:4]) not in (b"II\x2a\0", b"MM\0\x2a"):
+        return
+    try:
+        with Image.open(io.BytesIO(encoded)) as opened:
+            packed = opened.info.get("compression", "raw")
+            if packed in ("tiff_adobe_deflate", "tiff_deflate"):
+                _check_deflate(encoded, opened.tag_v2, opened.width * opened.height)
+            elif packed != "raw":
+                opened.load()
+    except UnidentifiedImageError:  # kinds it does not know, such as 16 bits in colour: OpenCV refuses damaged ones
+        return
+    except (OSError, ValueError, SyntaxError, LookupError, TypeError, zlib.error) as error:
+        raise ImageError(f"compressed image: {len(encoded)} bytes, damaged: the pixels cannot be unpacked") from error
+
+
+def _check_deflate(encoded: memoryview, tags: Mapping[int, Any], pixels: int) -> None:
+    offsets, counts = (324, 325) if 324 in tags else (273, 279)
+    for start, count in zip(tags[offsets], tags[counts], strict=True):
+        unpacked = zlib.decompressobj()
+        unpacked.decompress(encoded[start : start + count], 16 * pixels + 2**20)
+        if not unpacked.eof:
+            raise ValueError("a part of the image is cut short")
 
 
 def _decoder_flags(encoded: memoryview) -> int:
@@ -82,7 +113,26 @@ def read_image(path: str | Path) -> RawImage:
     try:
         return decode_compressed(read_bounded(path, LARGEST_IMAGE_FILE, ImageError))
     except ImageError as error:
-        raise ImageError(f"{path}: expected an image file: {error}") from error
+        raise _of_file(path, error) from error
+
+
+def image_size(path: str | Path) -> tuple[int, int]:
+    """Width and height, px, of an image file; it is read whole, so that one cut short is noticed, but not decoded.
+
+    Raises
+    ------
+    ImageError
+        As `read_image`, as far as the header and the end of the file tell.
+    """
+    try:
+        return declared_size(memoryview(read_bounded(path, LARGEST_IMAGE_FILE, ImageError)))
+    except ImageError as error:
+        raise _of_file(path, error) from error
+
+
+def _of_file(path: str | Path, error: ImageError) -> ImageError:
+    told = str(error).removeprefix("compressed image: ")
+    return ImageError(f"{path}: expected an image file: {told}", error.code)
 
 
 def write_image(path: str | Path, image: RawImage) -> None:

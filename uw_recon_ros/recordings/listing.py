@@ -6,9 +6,7 @@ import itertools
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from pathlib import Path
 
-from uw_recon_ros.bags import open_bag
 from uw_recon_ros.calibration.rectified import came_rectified
 from uw_recon_ros.errors import BagError, CalibrationError, ReconError
 from uw_recon_ros.files.calibrations import read_calibration
@@ -16,7 +14,7 @@ from uw_recon_ros.findings import Code
 from uw_recon_ros.recordings.options import Options
 from uw_recon_ros.recordings.pair_index import Frame, Rigs, Walk
 from uw_recon_ros.recordings.read import Reader
-from uw_recon_ros.recordings.sources import Source, calibration_file
+from uw_recon_ros.recordings.sources import Source, calibration_file, open_source
 from uw_recon_ros.recordings.views import list_stills, list_video
 from uw_recon_ros.types import StereoCalibration
 
@@ -115,7 +113,7 @@ def _list_source(source: Source, index: int, options: Options, rigs: Rigs, notes
         frames = [Frame(0, 0, stamp_ns, left, right) for stamp_ns, left, right in listed]
         rig = _rig_beside(source, frames, rigs)
         return [replace(frame, source=index, rig=rig) for frame in frames]
-    with open_bag(Path(source.path)) as bag:
+    with open_source(source) as bag:
         topics = bag.stereo_topics(options.left_topic or None, options.right_topic or None)
         walk = Walk(bag, topics, index, round(options.pair_tolerance_ms * 1e6), rigs, options.offset_ns or 0)
         frames = list(walk)

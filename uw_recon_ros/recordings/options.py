@@ -7,6 +7,14 @@ from dataclasses import dataclass
 from uw_recon_ros.pairing import PAIR_TOLERANCE_MS
 
 
+def is_clock_offset(text: str) -> bool:
+    """Whether it is what `Options.clock_offset` may be."""
+    try:
+        return text == "auto" or abs(float(text)) < 1e9
+    except ValueError:
+        return False
+
+
 @dataclass(frozen=True)
 class Options:
     """How a recording is listed.

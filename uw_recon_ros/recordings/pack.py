@@ -11,10 +11,11 @@ from uw_recon_ros.bags.writer import BagWriter
 from uw_recon_ros.errors import BagError
 from uw_recon_ros.progress import say
 from uw_recon_ros.recordings.folders import find_images
+from uw_recon_ros.recordings.listing import list_frames
 from uw_recon_ros.recordings.options import Options
 from uw_recon_ros.recordings.pair_index import Frame, Place
 from uw_recon_ros.recordings.read import LEFT_FRAME, RIGHT_FRAME, Reader
-from uw_recon_ros.recordings.sources import Source, is_video, video_source
+from uw_recon_ros.recordings.sources import Source, find_sources, is_bag, is_video, video_source
 from uw_recon_ros.recordings.stills import FIRST_NS
 from uw_recon_ros.recordings.views import list_video, list_whole
 from uw_recon_ros.types import RawImage, StereoCalibration
@@ -38,11 +39,12 @@ def pack(
     Parameters
     ----------
     left, right : str
-        Glob patterns or folders of stills, sorted as people count (2 before 10) and paired by order; or videos. The
-        same twice: each image holds both views.
+        Glob patterns or folders of stills, sorted as people count (2 before 10) and paired by order; or videos; or bags
+        with one camera each. The same twice: each image holds both views.
     bag : path
         Folder to make; with the suffix ``.mcap`` a bare file.
     calibration : StereoCalibration, optional
+        Instead of what bags say.
     rate_hz : float
         Pairs per second; the first stamp is 1 s.
     overwrite : bool
@@ -64,7 +66,8 @@ def pack(
     """
     if not rate_hz > 0:
         raise ValueError(f"rate_hz: expected > 0 Hz, got {rate_hz}")
-    pairs, reader = _listed(left, right, rate_hz)
+    pairs, reader, found = _listed(left, right, rate_hz)
+    calibration = calibration or found
     frames = LEFT_FRAME, RIGHT_FRAME
     if calibration is not None:
         frames = calibration.left.frame_id or LEFT_FRAME, calibration.right.frame_id or RIGHT_FRAME
@@ -85,9 +88,16 @@ def pack(
     return len(pairs)
 
 
-def _listed(left: str, right: str, rate_hz: float) -> tuple[list[Frame], Reader]:
-    """The pairs that two files, patterns or folders hold, and what reads them."""
+def _listed(left: str, right: str, rate_hz: float) -> tuple[list[Frame], Reader, StereoCalibration | None]:
+    """The pairs that two files, patterns, folders or bags hold, what reads them, and the calibration of bags."""
     options, notes = Options(stills_rate=rate_hz), list[str]()
+    if is_bag(Path(left)) and is_bag(Path(right)):
+        sources = find_sources([left] if left == right else [left, right])
+        listing = list_frames(sources, options)
+        for note in listing.notes:
+            say(f"note: {note}")
+        rigs = listing.calibrations
+        return listing.frames, Reader(sources, rigs), rigs[0] if rigs else None
     if is_video(Path(left)):
         source = video_source(Path(left), None if left == right else Path(right))
         listed = list(list_video(source, options, notes))
@@ -102,7 +112,7 @@ def _listed(left: str, right: str, rate_hz: float) -> tuple[list[Frame], Reader]
             listed = [(stamp, Place(str(one), stamp), Place(str(other), stamp)) for stamp, one, other in stamps]
     for note in notes:
         say(f"note: {note}")
-    return [Frame(n, 0, stamp, one, other) for n, (stamp, one, other) in enumerate(listed)], Reader([source], [])
+    return [Frame(n, 0, stamp, one, other) for n, (stamp, one, other) in enumerate(listed)], Reader([source], []), None
 
 
 def _matched(left: list[Path], right: list[Path], left_name: str, right_name: str) -> list[Pair]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import heapq
 import itertools
 import struct
 from collections.abc import Iterator
@@ -151,14 +152,27 @@ class Walk:
         self._closest: int | None = None
 
     def __iter__(self) -> Iterator[Frame]:
-        names = [n for n in (self._topics.left, self._topics.right, *self._infos) if n]
         self._learn_first_infos()
         self._by_log = not any(map(any, map(self._first_stamps, (self._topics.left, self._topics.right))))
-        for message in self._bag.raw_messages(names):
+        for message in self._messages():
             if message.topic in self._infos:
                 self._learn(message)
             else:
                 yield from self._push(message)
+
+    def _messages(self) -> Iterator[RawMessage]:
+        """In log-time order; where the clocks differ, in that of the left one's, so that partners come together."""
+        topics = self._topics
+        names = [
+            [n for n in side if n] for side in ((topics.left, topics.left_info), (topics.right, topics.right_info))
+        ]
+        if not self._offset_ns:
+            return self._bag.raw_messages([*names[0], *names[1]])
+        ours, theirs = map(self._bag.raw_messages, names)
+        shifted = (
+            ((raw.log_ns - offset, raw) for raw in side) for offset, side in ((0, ours), (self._offset_ns, theirs))
+        )
+        return (raw for _, raw in heapq.merge(*shifted, key=lambda timed: timed[0]))
 
     def _first_stamps(self, topic: str) -> list[int]:
         """Of a few messages: a driver that sends none sends zeros."""
@@ -218,7 +232,10 @@ class Walk:
         counts = f"{self._counts[0]} left and {self._counts[1]} right images"
         if self._closest is None:
             return counts
-        return f"{counts}, the nearest stamps {self._closest / 1e6:g} ms apart (--pair-tolerance-ms)"
+        return (
+            f"{counts}, the nearest stamps {self._closest / 1e6:g} ms apart: where that is jitter, "
+            "--pair-tolerance-ms; where the clocks differ, --clock-offset SECONDS"
+        )
 
     def notes(self) -> list[str]:
         """What is odd about the recording."""

@@ -6,10 +6,9 @@ import threading
 from collections import OrderedDict
 from contextlib import ExitStack
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
-from uw_recon_ros.bags import BagReader, RawMessage, messages, open_bag
+from uw_recon_ros.bags import BagReader, RawMessage, messages
 from uw_recon_ros.bags.stereo import make_pair
 from uw_recon_ros.bags.video_packets import video_codec
 from uw_recon_ros.bounds import LARGEST_IMAGE_FILE
@@ -19,7 +18,7 @@ from uw_recon_ros.files.images import decode_compressed, read_image
 from uw_recon_ros.image_pair import as_pair
 from uw_recon_ros.recordings.layout import cut, mpo_parts
 from uw_recon_ros.recordings.pair_index import Frame, Place
-from uw_recon_ros.recordings.sources import Source
+from uw_recon_ros.recordings.sources import Source, open_source
 from uw_recon_ros.recordings.video import Video
 from uw_recon_ros.recordings.video_topic import TopicDecoder
 from uw_recon_ros.system_errors import reason
@@ -78,8 +77,8 @@ class Reader:
         height, width = self.read(replace(frame, rig=-1)).left.shape[:2]
         return width, height
 
-    def _view(self, source: Source, place: Place, side: str) -> RawImage:
-        """One camera's image of a still or a frame."""
+    def view(self, source: Source, place: Place, side: str) -> RawImage:
+        """One camera's image of a still or a frame; `side` is the word for errors."""
         try:
             layout, _, number = place.part.partition(":")
             if source.kind == "video":
@@ -101,10 +100,13 @@ class Reader:
         return self._videos[path]
 
     def images(self, frame: Frame) -> tuple[RawImage, RawImage]:
-        """Left and right image of stills or frames, as they are."""
+        """Left and right image, as they are; of bags as `read` gives them."""
         source = self._sources[frame.source]
+        if source.kind == "bag":
+            pair = self.read(frame)
+            return pair.left, pair.right
         with self._lock:
-            return self._view(source, frame.left, "left"), self._view(source, frame.right, "right")
+            return self.view(source, frame.left, "left"), self.view(source, frame.right, "right")
 
     def read_before(self, frame: Frame) -> StereoPair | None:
         """Read the pair before one; None where there is none, or none that can be read."""
@@ -131,7 +133,7 @@ class Reader:
         if source.path in self._bags:
             self._bags.move_to_end(source.path)
         else:
-            self._bags[source.path] = open_bag(Path(source.path))
+            self._bags[source.path] = open_source(source)
             if len(self._bags) > _OPEN_BAGS:
                 self._bags.popitem(last=False)[1].close()
                 self._decoders.clear()

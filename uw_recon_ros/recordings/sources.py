@@ -8,13 +8,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from uw_recon_ros.bags import BagReader, open_bag
 from uw_recon_ros.bags.files import natural_order
+from uw_recon_ros.bags.stereo import holds_one_camera
+from uw_recon_ros.bags.two import TwoBags
 from uw_recon_ros.errors import BagError
 from uw_recon_ros.files.kinds import describe_file
 from uw_recon_ros.findings import Code
 from uw_recon_ros.recordings.folders import camera_folders, find_images, flat_pairs, images_in, what_is_in
 from uw_recon_ros.recordings.video import SUFFIXES as VIDEOS
-from uw_recon_ros.sides import partners, side_of
+from uw_recon_ros.sides import pairs_of, partners, side_of
 from uw_recon_ros.system_errors import reason, told_as
 
 _BAGS = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd", ".bag")
@@ -34,7 +37,7 @@ class Source:
     name : str
         What reports call it: the path's last part.
     other : str
-        The right camera's video; empty: one file holds both views.
+        The right camera's video or bag; empty: one holds both views.
     """
 
     kind: Literal["bag", "stills", "video"]
@@ -46,7 +49,8 @@ class Source:
 def find_sources(paths: Iterable[str | Path]) -> list[Source]:
     """Look at what each path is: a bag, a video, a folder of stills or videos, or a folder of any.
 
-    Two videos given one after the other are a left and a right one unless their names tell otherwise.
+    Two videos given one after the other are a left and a right one unless their names tell otherwise, and so are two
+    bags with the images of one camera each.
 
     Raises
     ------
@@ -56,7 +60,50 @@ def find_sources(paths: Iterable[str | Path]) -> list[Source]:
     given = [Path(path) for path in paths]
     if len(given) == 2 and all(map(is_video, given)) and _may_be_a_pair(given[0].stem, given[1].stem):
         return [video_source(given[0], given[1])]
-    return [source for path in given for source in _sources_at(path)]
+    sources = [source for path in given for source in _sources_at(path)]
+    if len(given) == 2 and len(sources) == 2 and all(map(_is_half, sources)):
+        swapped = (side_of(given[0].stem), side_of(given[1].stem)) == (1, 0)
+        return [_bag_pair(*(reversed(sources) if swapped else sources))]
+    return sources
+
+
+def open_source(source: Source) -> BagReader:
+    """Open a source that is a bag, or two. Raises `BagError` as `open_bag` does."""
+    return TwoBags(Path(source.path), Path(source.other)) if source.other else open_bag(Path(source.path))
+
+
+def _is_half(source: Source) -> bool:
+    """Whether it is a bag with the images of one camera."""
+    if source.kind != "bag" or source.other:
+        return False
+    try:
+        with open_bag(source.path) as bag:
+            return holds_one_camera(bag.topics)
+    except BagError:
+        return False
+
+
+def _bag_pair(left: Source, right: Source) -> Source:
+    return Source("bag", left.path, f"{left.name} and {right.name}", right.path)
+
+
+def _halves_in(path: Path) -> list[Source]:
+    """The two cameras' bags, where a folder that no recorder described holds these; else nothing."""
+    if path.is_file() or (path / "metadata.yaml").is_file():
+        return []
+    files = [_source(file) for file in sorted(path.iterdir(), key=natural_order) if file.is_file()]
+    joined = _joined([source for source in files if source is not None])
+    return joined if len(joined) == 1 and joined[0].other else []
+
+
+def _joined(found: list[Source]) -> list[Source]:
+    """The bags of a folder, those of a left and a right camera whose names tell as one."""
+    by_name = {source.name: source for source in found if source.kind == "bag"}
+    halves: dict[str, Source] = {}
+    for _, left, right in pairs_of(list(by_name)):
+        if not {left, right} & halves.keys() and _is_half(by_name[left]) and _is_half(by_name[right]):
+            halves |= dict.fromkeys((left, right), _bag_pair(by_name[left], by_name[right]))
+    return list(dict.fromkeys(halves.get(source.name, source) for source in found))
 
 
 def _may_be_a_pair(first: str, second: str) -> bool:
@@ -68,6 +115,13 @@ def _may_be_a_pair(first: str, second: str) -> bool:
 def is_video(path: Path) -> bool:
     """Whether a path is a video, by its name."""
     return path.suffix.lower() in VIDEOS and path.is_file()
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path is a bag, by the names of its files."""
+    if path.is_dir():
+        return (path / "metadata.yaml").is_file() or any(f.name.endswith(_BAGS[:-1]) for f in path.iterdir())
+    return path.is_file() and path.name.endswith(_BAGS)
 
 
 def video_source(left: Path, right: Path | None = None) -> Source:
@@ -89,7 +143,7 @@ def _sources_in(path: Path) -> list[Source]:
     if own is None and not path.is_dir():
         raise BagError(f"{path}: expected a bag (a folder, .mcap, .db3 or .bag) or a video, got {describe_file(path)}")
     if own and not _holds_bag_folders(path):
-        return [own]
+        return _halves_in(path) or [own]
     videos = _videos_in(path)
     if videos:
         return videos
@@ -102,7 +156,7 @@ def _sources_in(path: Path) -> list[Source]:
             f"{path}: expected a bag, a video, a folder of either, or a folder with the stills of both cameras in "
             f"left/ and right/, got a folder with {what_is_in(path)}"
         )
-    return found
+    return _joined(found)
 
 
 def _holds_bag_folders(path: Path) -> bool:
@@ -113,11 +167,7 @@ def _holds_bag_folders(path: Path) -> bool:
 
 
 def _source(path: Path) -> Source | None:
-    if path.is_file():
-        is_bag = path.name.endswith(_BAGS)
-    else:
-        is_bag = (path / "metadata.yaml").is_file() or any(f.name.endswith(_BAGS[:-1]) for f in path.iterdir())
-    if is_bag:
+    if is_bag(path):
         return Source("bag", str(path.absolute()), path.absolute().name)
     if path.is_dir() and has_stills(path):
         return Source("stills", str(path.absolute()), path.absolute().name)
@@ -191,17 +241,21 @@ def calibration_file(source: Source) -> Path | None:
 
 def source_files(source: Source) -> list[Path]:
     """All files a source is read from, in natural order."""
+    if source.kind == "bag":
+        return [file for path in filter(None, (source.path, source.other)) for file in _bag_files(Path(path))]
     path = Path(source.path)
     beside = calibration_file(source)
     extra = [beside] if beside else []
     if source.kind == "video":
         return [path, *([Path(source.other)] if source.other else []), *extra]
-    if path.is_file():
-        return [path]
-    if source.kind == "bag":
-        return sorted((file for file in path.iterdir() if file.is_file()), key=natural_order)
     sides = camera_folders(path)[0] or (path,)
     return [*(file for folder in sides for file in find_images(str(folder))), *extra]
+
+
+def _bag_files(path: Path) -> list[Path]:
+    if path.is_file():
+        return [path]
+    return sorted((file for file in path.iterdir() if file.is_file()), key=natural_order)
 
 
 def fingerprint(source: Source, on_bytes: Callable[[int], None] = lambda count: None) -> dict[str, str]:
@@ -213,7 +267,7 @@ def fingerprint(source: Source, on_bytes: Callable[[int], None] = lambda count: 
         A file cannot be read.
     """
     root = Path(source.path)
-    base = root.parent if root.is_file() else root
+    base = root.parent if root.is_file() or source.other else root
     return {_within(file, base): sha256(file, on_bytes) for file in source_files(source)}
 
 

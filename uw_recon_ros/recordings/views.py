@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 
 import numpy as np
@@ -20,10 +20,12 @@ from uw_recon_ros.recordings.read import Reader
 from uw_recon_ros.recordings.sources import Source
 from uw_recon_ros.recordings.stills import FIRST_NS, pair_stills
 from uw_recon_ros.recordings.video import Video
+from uw_recon_ros.system_errors import reason
 from uw_recon_ros.types import RawImage
 
 Listed = tuple[int, Place, Place]
 _PROBES = (0.1, 0.4, 0.7)  # of the way through, where the layout is looked for
+_TRIED = 20  # images, from there on, until one can be read
 
 
 def list_stills(source: Source, options: Options, notes: list[str]) -> Iterator[Listed]:
@@ -58,10 +60,19 @@ def list_stills(source: Source, options: Options, notes: list[str]) -> Iterator[
 
 def list_whole(source: Source, images: list[Path], options: Options, notes: list[str]) -> Iterator[Listed]:
     """Stills that hold both views."""
-    layout = _layout_of(options, source.name, (_still(images[int(share * len(images))]) for share in _PROBES), notes)
+    layout = _layout_of(options, source.name, _probes(images), notes)
     for rank, image in enumerate(images):
         stamp = FIRST_NS + round(rank * 1e9 / options.stills_rate)
         yield stamp, Place(str(image), stamp, 0, f"{layout}:0"), Place(str(image), stamp, 0, f"{layout}:1")
+
+
+def _probes(images: list[Path]) -> Iterator[RawImage | str]:
+    """Images spread over a folder; for one that cannot be read, the next that can."""
+    for share in _PROBES:
+        for path in images[int(share * len(images)) :][:_TRIED]:
+            with suppress(ImageError):
+                yield _still(path)
+                break
 
 
 def _still(path: Path) -> RawImage | str:
@@ -96,11 +107,13 @@ def is_mpo(path: Path) -> bool:
     """Whether a file holds two photographs."""
     if path.suffix.lower() not in (".mpo", ".jpg", ".jpeg"):
         return False
-    with path.open("rb") as stream:
-        if b"MPF\0" not in stream.read(2**16):
-            return False
     try:
+        with path.open("rb") as stream:
+            if b"MPF\0" not in stream.read(2**16):
+                return False
         return len(mpo_parts(path.read_bytes())) == 2
+    except OSError as error:
+        raise ImageError(f"{path}: cannot be read: {reason(error)}") from error
     except ImageError:  # cut short: told when it is read
         return True
 
@@ -116,6 +129,8 @@ def _layout_of(options: Options, name: str, images: Iterator[RawImage | str], no
     if options.layout in LAYOUTS[1:]:
         return options.layout
     found = [image if isinstance(image, str) else find_layout(image) for image in images]
+    if not found:
+        raise BagError(f"{name}: expected images, got none that can be read (uw_recon info names the reasons)")
     layout = max(set(found), key=found.count)
     if layout == "separate" or options.layout == "separate":
         raise BagError(

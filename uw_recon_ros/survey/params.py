@@ -6,16 +6,10 @@ from dataclasses import dataclass
 
 from uw_recon_ros.pairing import PAIR_TOLERANCE_MS
 from uw_recon_ros.params import Params, param
+from uw_recon_ros.recordings.options import is_clock_offset
 
 #: What can be written, in the order of `SurveyParams.write`.
 PRODUCTS = ("disparity", "depth", "clouds", "meshes", "views", "bag", "model")
-
-
-def _is_seconds(text: str) -> bool:
-    try:
-        return abs(float(text)) < 1e9
-    except ValueError:
-        return False
 
 
 @dataclass(frozen=True)
@@ -66,7 +60,7 @@ class SurveyParams(Params):
         """The time limits must leave something, and the products must be known."""
         if self.end and self.end <= self.start:
             raise ValueError(f"start, end: expected the first below the second, got {self.start:g} and {self.end:g} s")
-        if self.clock_offset != "auto" and not _is_seconds(self.clock_offset):
+        if not is_clock_offset(self.clock_offset):
             raise ValueError(f"clock_offset: expected auto or a number of seconds, got {self.clock_offset[:40]!r}")
         unknown = sorted(self.products - set(PRODUCTS))
         if unknown:

@@ -1,4 +1,4 @@
-"""Whether what a bag holds can be reconstructed, and why not, in sentences."""
+"""Whether what a recording holds can be reconstructed, and why not, in sentences."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ import dataclasses
 import math
 from collections.abc import Iterator
 
-from uw_recon_ros.bags.contents import BagInfo, CalibrationState
 from uw_recon_ros.bags.stereo import CameraInfoCache
 from uw_recon_ros.calibration import judge as judge_numbers
 from uw_recon_ros.findings import Code, Finding, Severity
-from uw_recon_ros.types import CameraModel, StereoCalibration
+from uw_recon_ros.recordings.contents import CalibrationState, RecordingInfo
+from uw_recon_ros.types import StereoCalibration
 
 _FEW = 0.9  # share of images that should have partners
 _NAN = float("nan")
 
 
-def judge_calibration(
+def judge_infos(
     infos: tuple[CameraInfoCache, CameraInfoCache], size: tuple[int, int]
 ) -> tuple[CalibrationState, float, tuple[Finding, ...]]:
-    """State, baseline in m, and what is wrong.
+    """State, baseline in m, and what is wrong with what CameraInfo messages say.
 
     Parameters
     ----------
@@ -39,29 +39,28 @@ def judge_calibration(
             return "zero" if zero else "inconsistent", _NAN, (found,)
     if left.camera is None or right.camera is None:
         return "none", _NAN, (_none("no CameraInfo that can be read"),)
-    return _judge_cameras(left.camera, right.camera, size)
+    return judge_rig(StereoCalibration(left.camera, right.camera), size)
 
 
 def _none(text: str) -> Finding:
     return Finding(Code.CALIBRATION_NONE, text, Severity.WARN)
 
 
-def _judge_cameras(
-    left: CameraModel, right: CameraModel, size: tuple[int, int]
-) -> tuple[CalibrationState, float, tuple[Finding, ...]]:
-    judgement = judge_numbers.judge_calibration(StereoCalibration(left, right), size if size[0] else None)
+def judge_rig(rig: StereoCalibration, size: tuple[int, int]) -> tuple[CalibrationState, float, tuple[Finding, ...]]:
+    """State, baseline in m, and what is wrong with a rig whose images are of a size, px."""
+    judgement = judge_numbers.judge_calibration(rig, size if size[0] else None)
     if judgement.refusal is not None:
         return "inconsistent", _NAN, (judgement.refusal,)
     state: CalibrationState = "consistent" if math.isnan(judgement.baseline_m) else "metric"
     return state, judgement.baseline_m, judgement.findings
 
 
-def judge(info: BagInfo, changes: int) -> BagInfo:
+def judge(info: RecordingInfo, changes: int) -> RecordingInfo:
     """Add the reasons and warnings.
 
     Parameters
     ----------
-    info : BagInfo
+    info : RecordingInfo
         Without them, with the calibration's findings.
     changes : int
         How often a CameraInfo changed.
@@ -73,7 +72,7 @@ def judge(info: BagInfo, changes: int) -> BagInfo:
     return dataclasses.replace(info, reasons=tuple(_reasons(info, calibration_problem)), warnings=tuple(warnings))
 
 
-def _reasons(info: BagInfo, calibration_problem: str) -> Iterator[str]:
+def _reasons(info: RecordingInfo, calibration_problem: str) -> Iterator[str]:
     left, right = info.left, info.right
     if left is None or right is None:
         return
@@ -98,7 +97,7 @@ def _reasons(info: BagInfo, calibration_problem: str) -> Iterator[str]:
         yield f"the calibration contradicts itself or the images: {calibration_problem}"
 
 
-def _warnings(info: BagInfo, calibration_problem: str) -> Iterator[str]:
+def _warnings(info: RecordingInfo, calibration_problem: str) -> Iterator[str]:
     for side in (info.left, info.right):
         if side is None or not side.stamps_ns:
             continue
@@ -118,5 +117,7 @@ def _warnings(info: BagInfo, calibration_problem: str) -> Iterator[str]:
         yield f"the scale is unknown: {calibration_problem}"
     if info.calibration == "metric" and calibration_problem:
         yield f"the calibration is doubtful: {calibration_problem}"
-    if info.damage:
+    if info.damage and info.kind == "stills":
+        yield f"{len(info.damage)} files cannot be read: their pairs are left out"
+    elif info.damage:
         yield f"damaged: {len(info.damage)} places could not be read"

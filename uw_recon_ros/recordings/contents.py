@@ -1,4 +1,4 @@
-"""What an inspection of a bag finds."""
+"""What an inspection of a recording finds."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ class CameraImages:
     Parameters
     ----------
     topic : str
+        Or folder, or file.
     info_topic : str or None
         Its CameraInfo.
     stamps_ns : list of int
@@ -34,6 +35,8 @@ class CameraImages:
         Of the first image, as ``colour, 8 bits``; empty when it cannot be decoded.
     odd : int
         Images of another size or encoding than the first.
+    unreadable : list of str
+        Why files cannot be read, one each.
     problem : str
         Why the first image cannot be decoded; empty when it can.
     rectified : bool
@@ -51,6 +54,7 @@ class CameraImages:
     odd: int = 0
     problem: str = ""
     rectified: bool = False
+    unreadable: list[str] = field(default_factory=list)
 
     @property
     def backwards(self) -> int:
@@ -59,17 +63,19 @@ class CameraImages:
 
 
 @dataclass(frozen=True)
-class BagInfo:
-    """What `bag_info` found.
+class RecordingInfo:
+    """What `inspect_recording` found.
 
     Parameters
     ----------
     path : str
     start_ns, end_ns : int
-        First and last log time.
+        First and last log time; of stills and videos, stamp.
+    kind : {'bag', 'stills', 'video'}
     topics : tuple of TopicInfo
+        Of a bag.
     left, right : CameraImages or None
-        None when the bag has no stereo pair.
+        None where there is no stereo pair.
     pairs : int
         Left and right images of one stamp.
     rate_hz : float
@@ -97,7 +103,8 @@ class BagInfo:
     path: str
     start_ns: int
     end_ns: int
-    topics: tuple[TopicInfo, ...]
+    topics: tuple[TopicInfo, ...] = ()
+    kind: str = "bag"
     left: CameraImages | None = None
     right: CameraImages | None = None
     pairs: int = 0
@@ -133,7 +140,8 @@ class BagInfo:
 
     def _lines(self) -> Iterator[str]:
         seconds = (self.end_ns - self.start_ns) * 1e-9
-        yield f"{self.path}: {seconds:.1f} s, {sum(topic.count for topic in self.topics)} messages"
+        held = f"{sum(topic.count for topic in self.topics)} messages" if self.kind == "bag" else self.kind
+        yield f"{self.path}: {seconds:.1f} s, {held}"
         width = max((len(topic.name) for topic in self.topics), default=0)
         for topic in self.topics:
             yield f"  {topic.name:{width}}  {topic.count:6d}  {topic.type}"
@@ -145,7 +153,8 @@ class BagInfo:
                 )
         if self.left is not None:
             rate = "rate unknown" if math.isnan(self.rate_hz) else f"{self.rate_hz:.2f} Hz"
-            yield f"pairs: {self.pairs} at {rate}, longest gap {self.largest_gap_s:.2f} s"
+            gap = "" if math.isnan(self.largest_gap_s) else f", longest gap {self.largest_gap_s:.2f} s"
+            yield f"pairs: {self.pairs} at {rate}{gap}"
             scale = f", baseline {self.baseline_m:.4f} m" if self.calibration == "metric" else ""
             yield f"calibration: {self.calibration}{scale}"
         yield from (f"damage: {sentence}" for sentence in self.damage)
