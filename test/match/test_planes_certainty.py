@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from uw_recon_ros.match.planes.certainty import MOST, plain_gray, sigma_of
+from uw_recon_ros.match.planes.certainty import MOST, plain_gray, sigma_of, with_disagreement
 from uw_recon_ros.match.planes.matcher import graph_cut
 
 H, W = 120, 200
@@ -92,3 +92,22 @@ def test_the_number_of_threads_changes_no_bit() -> None:
     one, three = (sigma_of(*grays, disparity, status, "balanced", threads)[status == 0] for threads in (1, 3))
     assert one.tobytes() == three.tobytes()
     assert np.isfinite(one).all()
+
+
+def test_where_the_start_says_something_else_planes_are_less_sure() -> None:
+    """By what its mean disagreement exceeds its own noise; only where both views agree on a start that is comparable."""
+    shape = 30, 40
+    sigma, disparity = np.full(shape, 0.1, np.float32), np.full(shape, 20.0, np.float32)
+    start, agreed = disparity.copy(), np.ones(shape, np.bool_)
+    start[10:20, 10:20] += 0.8
+    smaller = with_disagreement(sigma, disparity, start, agreed)
+    assert smaller[15, 15] == pytest.approx(np.sqrt(0.01 + 0.64 - 0.0225), rel=1e-4)
+    assert (smaller[:5] == sigma[:5]).all()
+    assert (with_disagreement(sigma, disparity, start, ~agreed) == sigma).all()
+    assert (with_disagreement(sigma, disparity, disparity + 3, agreed) == sigma).all()
+    noise = np.random.default_rng(1).normal(0, 0.1, shape).astype(np.float32)
+    assert (with_disagreement(sigma, disparity, disparity + noise, agreed) == sigma).mean() > 0.95
+    disparity[0, 0] = sigma[0, 0] = np.nan
+    lost = with_disagreement(sigma, disparity, start, agreed)
+    assert np.isnan(lost[0, 0])
+    assert np.isfinite(lost).sum() == lost.size - 1

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.match.methods import EFFORTS
 from uw_recon_ros.match.planes.census import CLOSE, WIDE
-from uw_recon_ros.match.planes.certainty import plain_gray, sigma_of
+from uw_recon_ros.match.planes.certainty import plain_gray, sigma_of, with_disagreement
 from uw_recon_ros.match.planes.confidence import DOUBTFUL, DOUBTFUL_SIGMA, confidence_of
 from uw_recon_ros.match.planes.cost_truncation import typical_costs
 from uw_recon_ros.match.planes.cross_support import edge_weights, inverse_size, measure_arms
@@ -336,6 +336,8 @@ def _result(
     sigma = np.where(valid, sigma_of(left, right, disparity, status, effort, threads), nan)
     disparity = np.where(valid, disparity, nan)
     confidence = confidence_of(disparity, sigma, *start, effort)
+    if SCHEDULES[effort].passes:
+        sigma = with_disagreement(sigma, disparity, *start)
     sigma = np.where(confidence < DOUBTFUL, np.maximum(sigma, np.float32(DOUBTFUL_SIGMA)), sigma)
     lost = unfounded(disparity, confidence, water, limits[0])
     status[lost] = np.where(water.faint[lost], int(Status.LOW_TEXTURE), int(Status.INCONSISTENT))
