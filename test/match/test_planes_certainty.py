@@ -95,7 +95,7 @@ def test_the_number_of_threads_changes_no_bit() -> None:
 
 
 def test_where_the_start_says_something_else_planes_are_less_sure() -> None:
-    """By what its mean disagreement exceeds its own noise; only where both views agree on a start that is comparable."""
+    """By what its mean disagreement exceeds its own noise, where both views agree on a comparable start."""
     shape = 30, 40
     sigma, disparity = np.full(shape, 0.1, np.float32), np.full(shape, 20.0, np.float32)
     start, agreed = disparity.copy(), np.ones(shape, np.bool_)
