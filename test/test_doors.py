@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.process_watch import unmeasured
 
 from uw_recon_ros import cli, system_errors
 from uw_recon_ros.cli import main
@@ -152,6 +153,7 @@ def test_a_full_disk(good: Path, tmp_path: Path) -> None:
          str(out)],
         capture_output=True, text=True, check=False, timeout=120,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (2**16, 2**16)),
+        env=unmeasured(),
     )  # fmt: skip
     assert done.returncode == 1
     assert "larger than this file system or a limit on this process allows" in done.stderr

@@ -20,6 +20,7 @@ import pytest
 import trimesh
 from helpers.bag_makers import cut, write_mcap
 from helpers.dives import FRAMES, PARAMS, digests, make_dive, recorded, table, with_half_a_camera
+from helpers.process_watch import unmeasured
 
 from uw_recon_ros.bags import open_bag, write_bag
 from uw_recon_ros.cli import main
@@ -334,7 +335,9 @@ def test_a_full_disk_stops_it_and_it_goes_on_when_there_is_room(
     limit = (undisturbed / "state" / "plan.npz").stat().st_size + 500
     assert limit < 0.9 * share
     args = arguments(room, tmp_path / "out", "--write", product)
-    done = subprocess.run([sys.executable, str(script), str(limit), *args], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, str(script), str(limit), *args], capture_output=True, text=True, check=False, env=unmeasured()
+    )
     assert done.returncode == 1
     assert "larger than this file system or a limit on this process allows" in done.stderr
     assert "the same command resumes there" in done.stderr
