@@ -18,6 +18,7 @@ NODES = [
     "point_cloud_node",
     "pipeline_node",
     "odometry_node",
+    "model_node",
     "bag_player_node",
 ]
 MESSAGES = ["sensor-msgs", "nav-msgs", "stereo-msgs", "diagnostic-msgs", "std-srvs", "visualization-msgs"]

@@ -21,7 +21,7 @@ from uw_recon_ros.params import read_parameter_file
 
 PACKAGE = "uw_recon_ros"
 STAGES = ("preprocess_node", "rectify_node", "disparity_node", "point_cloud_node")
-COMPOSED, PLAYER, ODOMETRY = "pipeline_node", "bag_player_node", "odometry_node"
+COMPOSED, PLAYER, ODOMETRY, MODEL = "pipeline_node", "bag_player_node", "odometry_node", "model_node"
 COMPRESSED = "/compressed"
 #: What is shown, for RViz in a name space: its configuration names them absolute.
 SHOWN = (
@@ -40,6 +40,9 @@ SHOWN = (
     "surface",
     "odometry",
     "path",
+    "model/submap",
+    "model/points",
+    "model/surface",
 )
 REFUSED = 2  # exit code of a node that does not take its parameters
 
@@ -65,6 +68,7 @@ ARGUMENTS = (
     Argument("namespace", "", "Name space of all nodes and topics."),
     Argument("composed", "false", "One process (pipeline_node) instead of four.", YES_OR_NO),
     Argument("odometry", "false", "Whether odometry_node follows the bottom too.", YES_OR_NO),
+    Argument("model", "false", "Whether model_node makes one model of it all, with odometry_node.", YES_OR_NO),
     Argument("autostart", "true", "Whether the nodes activate themselves; false: a lifecycle manager does.", YES_OR_NO),
     Argument("params_file", "", "ROS parameter file for all nodes; none: the defaults."),
     Argument("preset", "none", "A file of config/ to start from.", ("none", "navigation", "quality", "paper")),
@@ -96,7 +100,7 @@ def check(given: dict[str, str]) -> None:
     """Refuse, in one line, a file or bag that is not there: launch itself would start nodes on other values."""
     if path := given["params_file"]:
         try:
-            if not read_parameter_file(path, (*STAGES, COMPOSED, ODOMETRY)):
+            if not read_parameter_file(path, (*STAGES, COMPOSED, ODOMETRY, MODEL)):
                 raise ValueError("no parameter in it is for a node of this graph")
         except (OSError, ValueError) as error:
             reason = " ".join(str(getattr(error, "strerror", None) or error).split())
@@ -182,7 +186,9 @@ def rviz(given: dict[str, str]) -> Node:
 
 def chosen(given: dict[str, str]) -> tuple[str, ...]:
     stages = (COMPOSED,) if given["composed"] == "true" else STAGES
-    return (*stages, ODOMETRY) if given["odometry"] == "true" else stages
+    model = given["model"] == "true"
+    odometry = model or given["odometry"] == "true"
+    return (*stages, *([ODOMETRY] if odometry else []), *([MODEL] if model else []))
 
 
 def start(context: LaunchContext) -> list[Node]:

@@ -12,6 +12,7 @@ from xml.sax.saxutils import escape, quoteattr
 
 from uw_recon_ros.nodes import (
     disparity_node,
+    model_node,
     odometry_node,
     pipeline_node,
     point_cloud_node,
@@ -43,14 +44,16 @@ class Profile:
     reply: frozenset[str]
 
 
-def _stage(name: str, inputs: tuple[Input, ...], outputs: tuple[Output, ...], *others: str) -> Profile:
+def _stage(
+    name: str, inputs: tuple[Input, ...], outputs: tuple[Output, ...], *others: str, services: tuple[str, ...] = ()
+) -> Profile:
     """A managed node; /clock is read with use_sim_time."""
     said = {"/diagnostics", "/rosout", "/parameter_events", "~/transition_event", *others}
     return Profile(
         name,
         frozenset(output.topic for output in outputs) | said,
         frozenset(topic.name for wanted in inputs for topic in wanted.alternatives) | {"/clock"},
-        frozenset(f"~/{service}" for service in PARAMETER_SERVICES + LIFECYCLE_SERVICES),
+        frozenset(f"~/{service}" for service in PARAMETER_SERVICES + LIFECYCLE_SERVICES + services),
     )
 
 
@@ -64,6 +67,7 @@ def profiles() -> tuple[Profile, ...]:
         _stage("point_cloud_node", point_cloud_node.INPUTS, point_cloud_node.OUTPUTS),
         _stage("pipeline_node", pipeline_node.INPUTS, pipeline_node.OUTPUTS, rectified_frame.TOPIC),
         _stage("odometry_node", odometry_node.INPUTS, odometry_node.OUTPUTS, transforms.TOPIC),
+        _stage("model_node", model_node.INPUTS, model_node.OUTPUTS, transforms.TOPIC, services=("save",)),
         Profile(
             "bag_player_node",
             frozenset(cameras | {"/clock", "/rosout", "/parameter_events"}),

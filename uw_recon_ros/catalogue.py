@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from uw_recon_ros.live.params import LiveModelParams
 from uw_recon_ros.match.stage import MatchParams
 from uw_recon_ros.mount import MountParams
 from uw_recon_ros.node_params import (
     CameraParams,
     CloudParams,
     DisparityMessageParams,
+    ModelNodeParams,
     NodeParams,
     OdometryNodeParams,
     RateParams,
@@ -26,5 +28,6 @@ NODES: dict[str, tuple[type[Params], ...]] = {
     "disparity_node": (MatchParams, DisparityMessageParams, RateParams),
     "point_cloud_node": (ReconstructParams, ObstacleParams, MountParams, DisparityMessageParams, CloudParams),
     "odometry_node": (OdometryNodeParams, OdometryParams, MountParams, DisparityMessageParams, CloudParams),
+    "model_node": (ModelNodeParams, LiveModelParams, MountParams, DisparityMessageParams, CloudParams),
 }
 ALL_PARAMS: tuple[type[Params], ...] = tuple(dict.fromkeys([*(c for own in NODES.values() for c in own), NodeParams]))

@@ -66,6 +66,11 @@ def odometry_node() -> None:
     _run("odometry_node")
 
 
+def model_node() -> None:
+    """Run the node of this name until it is interrupted."""
+    _run("model_node")
+
+
 def bag_player_node() -> None:
     """Play a bag."""
     _run("bag_player_node")

@@ -102,3 +102,15 @@ class OdometryNodeParams(Params):
     path_poses: int = param(
         2000, "Poses of path at most; where they were more, every second one goes.", low=10, high=100_000
     )
+
+
+@dataclass(frozen=True)
+class ModelNodeParams(Params):
+    """What the model node knows besides."""
+
+    map_frame: str = param("map", "Frame of the model: odometry's, moved where loops say so (REP 105).")
+    publish_map_tf: bool = param(False, "Whether tf is told of map_frame to odometry's frame; needs tf2_msgs.")
+    model_folder: str = param(
+        "",
+        "Folder that ~/save writes to, empty or not there before; frames wait on the disk for it. Empty: no files.",
+    )

@@ -59,7 +59,7 @@ def _both(name: str, kind: str, by: str, about: str, encoding: str = "") -> Iter
 
 
 _PREPROCESS, _RECTIFY, _DISPARITY, _CLOUD = "preprocess_node", "rectify_node", "disparity_node", "point_cloud_node"
-_ODOMETRY = "odometry_node"
+_ODOMETRY, _MODEL = "odometry_node", "model_node"
 #: In the order in which one pair's messages are published.
 TOPICS = (
     *_both("{}/image_raw", IMAGE, CAMERAS, "Image of the {} camera."),
@@ -92,6 +92,10 @@ TOPICS = (
     Topic("odometry", ODOMETRY, _ODOMETRY, "Pose since the start and velocity, with covariance; nothing while lost.",
           unit="m, rad", metric=True),
     Topic("path", PATH, _ODOMETRY, "Where the vehicle has been.", unit="m", latched=True, metric=True),
+    Topic("model/submap", POINT_CLOUD, _MODEL, "The submap that was closed last.", unit="m", metric=True),
+    Topic("model/points", POINT_CLOUD, _MODEL, "All closed submaps, moved as loops say.", unit="m", latched=True,
+          metric=True),
+    Topic("model/surface", MARKER, _MODEL, "The same as triangles.", unit="m", latched=True, metric=True),
 )  # fmt: skip
 _BY_NAME = {topic.name: topic for topic in TOPICS}
 

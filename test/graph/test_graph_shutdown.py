@@ -23,6 +23,7 @@ STAGE_NODES = (
     "point_cloud_node",
     "pipeline_node",
     "odometry_node",
+    "model_node",
 )
 ALL = (*STAGE_NODES, "bag_player_node")
 BAG = Path(__file__).parents[2] / "bags" / "amphora"

@@ -86,6 +86,7 @@ def test_one_process_in_a_name_space(launch: Any) -> None:
 def test_odometry_goes_along_where_asked(launch: Any) -> None:
     assert [node.executable for node in launch(odometry="true")] == [*FOUR, "odometry_node"]
     assert [node.executable for node in launch(odometry="true", composed="true")] == ["pipeline_node", "odometry_node"]
+    assert [node.executable for node in launch(model="true")] == [*FOUR, "odometry_node", "model_node"]
 
 
 def test_parameters_later_ones_win(launch: Any, tmp_path: Path) -> None:

@@ -34,6 +34,7 @@ from uw_recon_ros.doctor.text import as_table
 from uw_recon_ros.doctor.topic_graph import LISTENED, PIPELINE, STAGES, TYPES
 from uw_recon_ros.nodes import (
     disparity_node,
+    model_node,
     odometry_node,
     pipeline_node,
     point_cloud_node,
@@ -135,7 +136,7 @@ def test_the_chain_is_the_nodes() -> None:
         declared |= outputs
     for wanted in pipeline_node.INPUTS:
         declared |= {topic.name: topic.type for topic in wanted.alternatives}
-    declared |= {output.topic: output.type for output in odometry_node.OUTPUTS}
+    declared |= {output.topic: output.type for output in (*odometry_node.OUTPUTS, *model_node.OUTPUTS)}
     for topic, kind in TYPES.items():
         package, _, name = kind.split("/")
         assert declared[topic].__name__ == name

@@ -17,6 +17,7 @@ from helpers.ros_bench import Bench
 from uw_recon_ros.bags import open_bag
 from uw_recon_ros.nodes import (
     disparity_node,
+    model_node,
     odometry_node,
     pipeline_node,
     point_cloud_node,
@@ -36,6 +37,7 @@ STAGES: dict[str, tuple[Any, Any, Any]] = {
     "disparity_node": (disparity_node.DisparityNode, disparity_node.INPUTS, disparity_node.OUTPUTS),
     "point_cloud_node": (point_cloud_node.PointCloudNode, point_cloud_node.INPUTS, point_cloud_node.OUTPUTS),
     "pipeline_node": (pipeline_node.PipelineNode, pipeline_node.INPUTS, pipeline_node.OUTPUTS),
+    "model_node": (model_node.ModelNode, model_node.INPUTS, model_node.OUTPUTS),
     "odometry_node": (odometry_node.OdometryNode, odometry_node.INPUTS, odometry_node.OUTPUTS),
 }
 

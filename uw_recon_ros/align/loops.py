@@ -21,7 +21,12 @@ def footprints(poses: Matrix, depths: Matrix) -> Matrix:
 
 
 def candidates(
-    seen: Matrix, radii: Matrix, parts: NDArray[np.int64], each: int, tried: set[tuple[int, int]]
+    seen: Matrix,
+    radii: Matrix,
+    parts: NDArray[np.int64],
+    each: int,
+    tried: set[tuple[int, int]],
+    first: int = 0,
 ) -> list[tuple[int, int]]:
     """Pairs of frames that may show the same place, nearest first, at most `each` a frame.
 
@@ -36,9 +41,11 @@ def candidates(
     each : int
     tried : set of pairs
         Left out.
+    first : int
+        Frames before this one only serve as the other end.
     """
     found: list[tuple[int, int]] = []
-    for k in range(_APART, len(seen)):
+    for k in range(max(_APART, first), len(seen)):
         before = np.arange(k - _APART + 1)
         apart = np.linalg.norm(seen[before] - seen[k], axis=1)
         near = before[(apart < radii[k]) & (parts[before] == parts[k])]

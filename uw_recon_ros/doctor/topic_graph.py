@@ -31,7 +31,10 @@ STAGES = (
     Stage("point cloud", "point_cloud_node", METRIC_CLOUD),
 )
 #: What may go on from there; nobody misses one that was not started.
-FURTHER = (Stage("odometry", "odometry_node", "odometry"),)
+FURTHER = (
+    Stage("odometry", "odometry_node", "odometry"),
+    Stage("model", "model_node", "model/submap"),
+)
 CHAIN = (*(stage.node for stage in STAGES), PIPELINE)
 NODES = (*CHAIN, *(stage.node for stage in FURTHER))
 #: The chain's topics, relative, and their types.

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uw_recon_ros import rigid
+from uw_recon_ros.trajectory import DisparityFrame
 from uw_recon_ros.types import ByteImage, FloatImage, Matrix
 
 
@@ -43,6 +44,28 @@ class PosedFrame:
             )
         if self.pose.shape != (4, 4) or not np.isfinite(self.pose).all():
             raise ValueError(f"pose: expected a finite (4, 4) matrix, got {self.pose.tolist()}")
+
+
+def posed_frame(
+    frame: DisparityFrame, pose: Matrix, lens: Matrix, focal_times_baseline: float, offset_px: float
+) -> PosedFrame:
+    """A frame as it is fused.
+
+    Parameters
+    ----------
+    frame : DisparityFrame
+    pose : (4, 4) float64
+        World <- left rectified view.
+    lens : (4,) float64
+        Focal lengths across columns and rows, principal point; px.
+    focal_times_baseline, offset_px : float
+        Depth is the first over the disparity and the second.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depth = focal_times_baseline / (frame.disparity.astype(np.float64) + offset_px)
+        depth = np.where((depth > 0) & np.isfinite(depth), depth, np.nan)
+        sigma = depth**2 / abs(focal_times_baseline) * frame.sigma
+    return PosedFrame(frame.stamp_ns, frame.left, depth.astype(np.float32), sigma.astype(np.float32), lens, pose)
 
 
 @dataclass(frozen=True, eq=False)

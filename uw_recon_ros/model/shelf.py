@@ -10,7 +10,7 @@ import numpy as np
 
 from uw_recon_ros.errors import ModelError
 from uw_recon_ros.findings import Code
-from uw_recon_ros.fuse.frame import PosedFrame
+from uw_recon_ros.fuse.frame import PosedFrame, posed_frame
 from uw_recon_ros.survey.kept_frame import KEPT, is_metric, read_kept
 from uw_recon_ros.track.keypoints import RigError, constants
 from uw_recon_ros.trajectory import DisparityFrame
@@ -62,11 +62,5 @@ class Shelf:
 
     def posed(self, k: int, pose: Matrix, error: RigError) -> PosedFrame:
         """A frame as it is fused, the rig's error corrected."""
-        frame: DisparityFrame = self.read(k)
-        fx, fy, cx, cy, fb, offset = constants(frame.geometry, error)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            depth = fb / (frame.disparity.astype(np.float64) + offset)
-            depth = np.where((depth > 0) & np.isfinite(depth), depth, np.nan)
-            sigma = depth**2 / abs(fb) * frame.sigma
-        lens = np.array([fx, fy, cx, cy])
-        return PosedFrame(frame.stamp_ns, frame.left, depth.astype(np.float32), sigma.astype(np.float32), lens, pose)
+        fx, fy, cx, cy, fb, offset = constants(self.read(k).geometry, error)
+        return posed_frame(self.read(k), pose, np.array([fx, fy, cx, cy]), fb, offset)

@@ -24,32 +24,26 @@ from typing import Any
 
 import numpy as np
 
+from uw_recon_ros import rigid
 from uw_recon_ros.errors import EstimationError
 from uw_recon_ros.findings import Code, Finding, Severity
 from uw_recon_ros.mount import BODY_FROM_OPTICAL, MountParams
 from uw_recon_ros.node_params import CloudParams, DisparityMessageParams, OdometryNodeParams
-from uw_recon_ros.ros.declarations import Input, input_topic, outputs_of
-from uw_recon_ros.ros.geometry import check_size, geometry_from_infos
+from uw_recon_ros.ros.declarations import outputs_of
+from uw_recon_ros.ros.disparity_frames import FRAME_INPUTS, disparity_frame, view_from_child
 from uw_recon_ros.ros.message_groups import Group
-from uw_recon_ros.ros.messages import disparity_from_message, odometry_message, path_message
+from uw_recon_ros.ros.messages import odometry_message, path_message
 from uw_recon_ros.ros.node import StageNode
 from uw_recon_ros.ros.outputs import Outputs
-from uw_recon_ros.ros.pairs import color_image, expect_size
 from uw_recon_ros.ros.parameters import ParameterSet
 from uw_recon_ros.ros.process import run
 from uw_recon_ros.ros.transforms import TF, send_transform
-from uw_recon_ros.topics import SIDES
 from uw_recon_ros.track.odometry import Odometer, Step, vehicle_state
 from uw_recon_ros.track.params import OdometryParams
-from uw_recon_ros.trajectory import DisparityFrame, VehicleState, pose_matrix
-from uw_recon_ros.types import DisparityMap, Matrix, StereoGeometry, optical_frame
+from uw_recon_ros.trajectory import VehicleState, pose_matrix
+from uw_recon_ros.types import Matrix
 
-INPUTS = (
-    Input("sigma", (input_topic("disparity/sigma"),), "optional"),
-    Input("left", (input_topic("rectified/left/image_rect_color"), input_topic("rectified/left/image_rect"))),
-    *(Input(f"{side}_info", (input_topic(f"rectified/{side}/camera_info"),)) for side in SIDES),
-    Input("disparity", (input_topic("disparity"),)),
-)
+INPUTS = FRAME_INPUTS
 OUTPUTS = (*outputs_of("odometry_node"), *TF)
 _PATH_EVERY_NS = 500_000_000
 
@@ -83,17 +77,6 @@ class OdometryStage:
     way: Way
 
 
-def _frames(mount: MountParams, geometry: StereoGeometry, frame_id: str) -> tuple[str, Matrix, Matrix]:
-    """The vehicle's frame, where it lies at the start to the left rectified view, and that view in it."""
-    rect_from_raw = pose_matrix(np.zeros(3), np.asarray(geometry.rect_from_raw_left, np.float64))
-    if mount.base_frame:
-        base_from_optical = pose_matrix(mount.place, mount.base_from_optical)
-        view_from_base = rect_from_raw @ np.linalg.inv(base_from_optical)
-        return mount.base_frame, np.linalg.inv(view_from_base), view_from_base
-    upright = pose_matrix(np.zeros(3), BODY_FROM_OPTICAL)
-    return optical_frame(frame_id), upright @ rect_from_raw.T, rect_from_raw
-
-
 class OdometryNode(StageNode[OdometryStage]):
     """Follows the bottom from frame to frame."""
 
@@ -124,24 +107,13 @@ class OdometryNode(StageNode[OdometryStage]):
 
     def work(self, stage: OdometryStage, group: Group, outputs: Outputs) -> int:
         """Join one frame to those before it."""
-        geometry = geometry_from_infos(group["left_info"], group["right_info"])
-        disparity = disparity_from_message(
-            group["disparity"], geometry, sigma=group.get("sigma"), status=None,
-            assumed_sigma_px=stage.params[CloudParams].assumed_sigma_px,
-            adjusted=stage.params[DisparityMessageParams].disparity_adjusted,
-        )  # fmt: skip
-        left = color_image(group["left"])
-        expect_size("rectified left image", left, disparity.disparity)
-        check_size(group["left_info"], left.shape)
-        if not geometry.metric:
+        frame, frame_id = disparity_frame(group, stage.params)
+        if not frame.geometry.metric:
             text = "metric scale unknown: no odometry (calibrate, or set baseline_m and focal_px)"
             raise EstimationError(text, Code.ODOMETRY_NOT_METRIC)
-        way = self._way(stage, disparity.stamp_ns)
-        step = way.odometer.add(
-            DisparityFrame(disparity.stamp_ns, left, disparity.disparity, disparity.sigma, disparity.geometry)
-        )
-        self._tell(stage, step, disparity, outputs)
-        return disparity.stamp_ns
+        step = self._way(stage, frame.stamp_ns).odometer.add(frame)
+        self._tell(stage, step, view_from_child(stage.params[MountParams], frame.geometry, frame_id), outputs)
+        return frame.stamp_ns
 
     def _way(self, stage: OdometryStage, stamp_ns: int) -> Way:
         """The way so far; a clock that was set back, as by a looped bag, begins another."""
@@ -152,13 +124,14 @@ class OdometryNode(StageNode[OdometryStage]):
         way.last_ns = stamp_ns
         return way
 
-    def _tell(self, stage: OdometryStage, step: Step, disparity: DisparityMap, outputs: Outputs) -> None:
+    def _tell(self, stage: OdometryStage, step: Step, seen_from: tuple[str, Matrix], outputs: Outputs) -> None:
         way, own = stage.way, stage.params[OdometryNodeParams]
         self._report(way, step)
         if step.lost:
             return
-        child, first, view = _frames(stage.params[MountParams], disparity.geometry, disparity.frame_id)
-        state = vehicle_state(step, own.odom_frame, child, first, view)
+        child, view = seen_from
+        upright = np.eye(4) if stage.params[MountParams].base_frame else pose_matrix(np.zeros(3), BODY_FROM_OPTICAL)
+        state = vehicle_state(step, own.odom_frame, child, upright @ rigid.inverse(view), view)
         outputs.send("odometry", lambda: odometry_message(state))
         if own.publish_tf:
             send_transform(outputs, state.stamp_ns, state.frame_id, state.child_frame_id, state.pose)

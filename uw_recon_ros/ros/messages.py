@@ -8,6 +8,7 @@ from uw_recon_ros.messages import cameras, clouds, disparities, headers, images,
 from uw_recon_ros.messages.disparities import disparity_from_message
 from uw_recon_ros.messages.headers import received_stamp_ns, stamp_ns
 from uw_recon_ros.messages.images import float_image_from_message, image_from_message
+from uw_recon_ros.messages.odometry import view_from_odometry
 from uw_recon_ros.ros.message_types import MAKE
 
 __all__ = [
@@ -16,7 +17,7 @@ __all__ = [
     "odometry_message", "path_message", "range_message", "raw_image_message", "received_stamp_ns", "rectified_infos",
     "scan_message",
     "sigma_message", "stamp_ns", "status_message",
-    "surface_message", "time_message", "transform_message",
+    "surface_message", "time_message", "transform_message", "view_from_odometry",
 ]  # fmt: skip
 
 time_message = partial(headers.time_message, MAKE)
