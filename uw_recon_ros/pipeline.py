@@ -75,11 +75,11 @@ class Stages:
     Parameters
     ----------
     preprocess, rectify, match : callable
-        A stage, or one with a memory of earlier pairs.
+        A stage, or one with a memory of earlier pairs; the first is told by ``shown`` where nobody wants a picture.
     reconstruct : Reconstruct
     """
 
-    preprocess: Callable[[StereoPair], EnhancedPair]
+    preprocess: Callable[..., EnhancedPair]
     rectify: Callable[[EnhancedPair], RectifiedPair]
     match: Callable[[RectifiedPair], DisparityMap]
     reconstruct: Reconstruct
@@ -95,17 +95,19 @@ class Products:
     raw : StereoPair
     stages : Stages
     timed : Stopwatch
+    shown : bool
+        Whether there shall be pictures to look at, see `preprocess.stage.Preprocess`.
     """
 
-    def __init__(self, raw: StereoPair, stages: Stages, timed: Stopwatch | None = None) -> None:
-        self.raw, self._stages = raw, stages
+    def __init__(self, raw: StereoPair, stages: Stages, timed: Stopwatch | None = None, *, shown: bool = True) -> None:
+        self.raw, self._stages, self._shown = raw, stages, shown
         self.timed = Stopwatch() if timed is None else timed
 
     @cached_property
     def enhanced(self) -> EnhancedPair:
         """The images to look at, and to match."""
         with self.timed("preprocess"):
-            return self._stages.preprocess(self.raw)
+            return self._stages.preprocess(self.raw) if self._shown else self._stages.preprocess(self.raw, shown=False)
 
     @cached_property
     def rectified(self) -> RectifiedPair:
@@ -133,7 +135,7 @@ class Products:
         """A point a pixel."""
         depth = self.depth
         with self.timed("cloud"):
-            return self._stages.reconstruct.cloud(depth, self.rectified.left)
+            return self._stages.reconstruct.cloud(depth, self._stages.reconstruct.texture(self.rectified))
 
     @cached_property
     def thinned(self) -> PointCloud:
@@ -147,7 +149,7 @@ class Products:
         """The textured mesh."""
         depth = self.depth
         with self.timed("surface"):
-            return self._stages.reconstruct.surface(depth, self.rectified.left)
+            return self._stages.reconstruct.surface(depth, self._stages.reconstruct.texture(self.rectified))
 
     @property
     def kept(self) -> DisparityFrame:

@@ -66,7 +66,7 @@ TOPICS = (
     *_both("{}/image_raw/compressed", COMPRESSED_IMAGE, CAMERAS, "The same compressed; read where no raw one comes."),
     *_both("{}/camera_info", CAMERA_INFO, CAMERAS, "Calibration of the {} camera; without it the scale is unknown."),
     *_both("{}/image_matching", IMAGE, _PREPROCESS, "What the matcher sees of the {} camera.", "mono8"),
-    *_both("{}/image_enhanced", IMAGE, _PREPROCESS, "Enhanced image of the {} camera: texture, tie points.", "bgr8"),
+    *_both("{}/image_enhanced", IMAGE, _PREPROCESS, "Enhanced image of the {} camera: texture.", "bgr8"),
     *_both("rectified/{}/camera_info", CAMERA_INFO, _RECTIFY, "Rectified geometry of the {} view; P has the baseline."),
     *_both("rectified/{}/image_rect_color", IMAGE, _RECTIFY, "Rectified {} view, enhanced: texture.", "bgr8"),
     *_both("rectified/{}/image_rect", IMAGE, _RECTIFY, "Rectified {} view, as the matcher sees it.", "mono8"),

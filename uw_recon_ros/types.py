@@ -304,7 +304,7 @@ class EnhancedPair:
     Parameters
     ----------
     left, right : (H, W, 3) uint8
-        RGB, enhanced: texture, tie points.
+        RGB, enhanced: texture. Where nobody asked for a picture, what the matcher sees: the same array, (H, W).
     left_matching, right_matching : (H, W) uint8
         What the matcher sees, chosen by the `profile` parameter; 0 where nothing is seen, see `unseen`.
     stamp_ns, frame_id, calibration
@@ -321,6 +321,11 @@ class EnhancedPair:
     frame_id: str = ""
     calibration: StereoCalibration | None = None
     findings: tuple[Finding, ...] = ()
+
+    @property
+    def pictures(self) -> dict[str, ByteImage]:
+        """Images to look at, by side: those that are there."""
+        return _pictures(self)
 
 
 @dataclass(frozen=True)
@@ -385,7 +390,7 @@ class RectifiedPair:
     Parameters
     ----------
     left, right : (H, W, 3) uint8
-        RGB, enhanced: texture.
+        RGB, enhanced: texture; or as in `EnhancedPair`.
     left_matching, right_matching : (H, W) or (H, W, 3) uint8
         What the matcher sees; RGB where colour is to be matched.
     geometry : StereoGeometry
@@ -408,11 +413,21 @@ class RectifiedPair:
     frame_id: str = ""
 
     @property
+    def pictures(self) -> dict[str, ByteImage]:
+        """Images to look at, by side: those that are there."""
+        return _pictures(self)
+
+    @property
     def to_match(self) -> MatchingPair:
         """What the matcher needs of it."""
         return MatchingPair(
             self.left_matching, self.right_matching, self.geometry.axis, self.valid_left, self.valid_right
         )
+
+
+def _pictures(pair: EnhancedPair | RectifiedPair) -> dict[str, ByteImage]:
+    sides = (("left", pair.left, pair.left_matching), ("right", pair.right, pair.right_matching))
+    return {side: picture for side, picture, matching in sides if picture is not matching}
 
 
 @dataclass(frozen=True)

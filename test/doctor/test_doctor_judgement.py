@@ -27,6 +27,7 @@ from helpers.sights import (
 from uw_recon_ros.doctor.cameras import offsets_ms
 from uw_recon_ros.doctor.check import Level, fail, warn
 from uw_recon_ros.doctor.diagnose import Diagnosis, diagnose
+from uw_recon_ros.doctor.environment import check_transport
 from uw_recon_ros.doctor.observation import (
     Arrivals,
     ClockSight,
@@ -385,7 +386,7 @@ def test_two_of_everything() -> None:
 
 def test_what_a_pipeline_says_is_said_once() -> None:
     seen = healthy()
-    for name in ("left/image_enhanced", "rectified/left/image_rect", "disparity", "points2"):
+    for name in ("left/image_matching", "rectified/left/image_rect", "disparity", "points2"):
         seen = spoil(seen, name, publishers=(Endpoint("/pipeline_node", TYPES[name]),))
     refused = node("pipeline_node", statuses=(Status(2, "no parallax: expected"),))
     seen = without_clouds(replace(seen, nodes={}), since=1)
@@ -492,3 +493,28 @@ def test_lost_odometry_is_told_and_no_reason_for_missing_clouds() -> None:
     assert "slower" in finding.advice
     hanging = with_odometry(Status(2, "every frame dropped", {}), Arrivals())
     assert diagnose(hanging).healthy
+
+
+@pytest.mark.parametrize(
+    ("rmw", "around", "level", "words"),
+    [
+        ("rmw_fastrtps_cpp", {}, Level.OK, "camera drivers send through 512 KiB"),
+        ("rmw_zenoh_cpp", {"nodes_seen": 0}, Level.FAIL, "without a router"),
+        ("rmw_zenoh_cpp", {}, Level.OK, "yet other nodes are seen"),
+        ("rmw_zenoh_cpp", {"tcp_ports": (22, 7447)}, Level.OK, "a router listens on port 7447"),
+        ("rmw_zenoh_cpp", {"nodes_seen": 0, "zenoh": {"ZENOH_SESSION_CONFIG_URI": "/a"}}, Level.OK, "may name another"),
+        ("rmw_cyclonedds_cpp", {"receive_bytes": 212_992}, Level.WARN, "sockets receive 208 KiB"),
+        ("rmw_cyclonedds_cpp", {"receive_bytes": 1 << 25}, Level.OK, "Cyclone DDS"),
+        ("rmw_connextdds", {}, Level.OK, "rmw_connextdds: nothing is known of it"),
+    ],
+)
+def test_the_middleware_and_its_traps_are_named(rmw: str, around: dict[str, Any], level: Level, words: str) -> None:
+    found = check_transport(Observation(surroundings=replace(healthy().surroundings, rmw=rmw, **around)))
+    assert [(f.level, words in f.text) for f in found[:1]] == [(level, True)], found
+
+
+@pytest.mark.parametrize(("told", "level"), [("", Level.WARN), ("nonsense", Level.WARN), (str(64 << 20), Level.OK)])
+def test_a_small_pool_of_zenoh_is_told(told: str, level: Level) -> None:
+    settings = {"ZENOH_CONFIG_OVERRIDE": "transport/shared_memory/enabled=true", "ZENOH_SHM_ALLOC_SIZE": told}
+    around = replace(healthy().surroundings, rmw="rmw_zenoh_cpp", tcp_ports=(7447,), zenoh=settings)
+    assert [f.level for f in check_transport(Observation(surroundings=around))] == [Level.OK, level]

@@ -22,7 +22,7 @@ LIMIT_S = 300.0  # on hanging; no verdict on speed
 FOUR = ("preprocess_node", "rectify_node", "disparity_node", "point_cloud_node")
 #: What one stage has for the next.
 BETWEEN = (
-    *(f"{side}/image_{kind}" for side in ("left", "right") for kind in ("enhanced", "matching")),
+    *(f"{side}/image_matching" for side in ("left", "right")), "left/image_enhanced",
     *(f"rectified/{side}/{kind}" for side in ("left", "right") for kind in ("image_rect", "camera_info")),
     "rectified/left/image_rect_color", "disparity", "disparity/sigma", "disparity/status",
 )  # fmt: skip

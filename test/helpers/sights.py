@@ -20,7 +20,7 @@ from uw_recon_ros.topics import IMAGE
 
 SECOND = 1_000_000_000
 MAKERS = {
-    "left/image_enhanced": "/preprocess_node",
+    "left/image_matching": "/preprocess_node",
     "rectified/left/image_rect": "/rectify_node",
     "disparity": "/disparity_node",
     "points2": "/point_cloud_node",

@@ -55,7 +55,9 @@ def true_disparity() -> np.ndarray:
 class Matcher:
     """An outsider's stereo matcher."""
 
-    def __init__(self, bench: Bench, *, image: str = "image_rect_color", companions: bool = False) -> None:
+    def __init__(
+        self, bench: Bench, *, image: str = "image_rect_color", companions: bool = False, images: bool = True
+    ) -> None:
         self.bench = bench
         kinds = {
             "disparity": DisparityImage,
@@ -66,9 +68,11 @@ class Matcher:
         }
         self.image = f"rectified/left/{image}"
         self.topics = {topic: bench.talk(kind, topic) for topic, kind in kinds.items()}
+        if images:
+            bench.listen(PointCloud2, "points_unscaled")  # images are read while something is coloured with them
 
-    def connect(self) -> None:
-        self.bench.connected(*self.topics.values())
+    def connect(self, unread: str = "") -> None:
+        self.bench.connected(*(topic for name, topic in self.topics.items() if name != unread))
 
     def send(self, stamp_ns: int, *, metric: bool = True, only: str = "", **spoiled: Any) -> None:
         left, right = infos(stamp_ns, metric=metric)
@@ -227,6 +231,31 @@ def test_a_mono_image_will_do_for_texture(bench: Bench) -> None:
     gray = to_gray(LEFT)[20, 30]
     packed = np.frombuffer(heard[0].data, np.uint32).reshape(HEIGHT, WIDTH, 4)[20, 30, 3]
     assert [int(packed) >> shift & 255 for shift in (16, 8, 0)] == [gray] * 3
+
+
+def test_depth_needs_no_image_and_reads_none(bench: Bench) -> None:
+    bench.start(PointCloudNode)
+    depths = bench.listen(Image, "depth/image_rect")
+    matcher = Matcher(bench, images=False)
+    matcher.connect(unread=matcher.image)
+    matcher.send(SECOND)
+    bench.spin_until(lambda: depths)
+    assert matcher.topics[matcher.image].get_subscription_count() == 0
+    clouds = bench.listen(PointCloud2, "points2")
+    bench.spin_until(matcher.topics[matcher.image].get_subscription_count)
+    matcher.send(2 * SECOND)
+    bench.spin_until(lambda: clouds)
+
+
+def test_what_the_matcher_sees_colours_the_cloud_where_it_is_told_to(bench: Bench) -> None:
+    bench.start(PointCloudNode, texture="matching")
+    clouds = bench.listen(PointCloud2, "points2")
+    matcher = Matcher(bench, image="image_rect")
+    picture = bench.talk(Image, "rectified/left/image_rect_color")
+    matcher.connect()
+    matcher.send(SECOND)
+    bench.spin_until(lambda: clouds)
+    assert picture.get_subscription_count() == 0
 
 
 def test_sigma_and_status_are_waited_for_where_they_are_published(bench: Bench) -> None:

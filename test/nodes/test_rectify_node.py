@@ -35,6 +35,7 @@ from uw_recon_ros.types import EnhancedPair, RectifiedPair
 
 SECOND = 1_000_000_000
 LEFT, RIGHT = banded_pair()
+MATCHING = 255 - to_gray(LEFT), 255 - to_gray(RIGHT)
 OUTPUTS = {
     **{
         f"rectified/{camera}/{kind}": Image
@@ -57,12 +58,16 @@ class Upstream:
             f"{camera}/{kind}": bench.talk(t, f"{camera}/{kind}") for kind, t in kinds for camera in ("left", "right")
         }
 
-    def connect(self) -> None:
-        self.bench.connected(*self.topics.values())
+    def connect(self, *unread: str) -> None:
+        self.bench.connected(*(topic for name, topic in self.topics.items() if not name.endswith(unread or "!")))
 
     def images(self, stamp_ns: int, left: np.ndarray = LEFT, right: np.ndarray = RIGHT) -> None:
         self.topics["left/image_enhanced"].publish(color(left, stamp_ns))
         self.topics["right/image_enhanced"].publish(color(right, stamp_ns, "rov_right"))
+
+    def matching(self, stamp_ns: int) -> None:
+        left, right = (mono(image, stamp_ns) for image in MATCHING)
+        self.send(left__image_matching=left, right__image_matching=right)
 
     def send(self, **messages: Any) -> None:
         for name, message in messages.items():
@@ -134,19 +139,38 @@ def test_rectified_cameras_are_known_by_the_topic_remapped_to(bench: Bench, told
 
 def test_the_matching_images_are_taken_where_they_are_published(bench: Bench) -> None:
     bench.start(RectifyNode)
-    heard = bench.listen(Image, "rectified/left/image_rect")
+    heard = {topic: bench.listen(Image, topic) for topic in OUTPUTS if "image" in topic}
     upstream = Upstream(bench, matching=True)
     upstream.connect()
     upstream.calibrate(SECOND)
     upstream.images(5 * SECOND)
     bench.spin_for(0.3)
-    assert heard == []  # waits for what has a publisher
-    matching = 255 - to_gray(LEFT), 255 - to_gray(RIGHT)
-    upstream.send(
-        left__image_matching=mono(matching[0], 5 * SECOND), right__image_matching=mono(matching[1], 5 * SECOND)
-    )
+    assert not any(heard.values())  # waits for what has a publisher
+    upstream.matching(5 * SECOND)
+    bench.spin_until(lambda: all(heard.values()))
+    expected = offline(matching=MATCHING)
+    np.testing.assert_array_equal(array(heard["rectified/left/image_rect"][0]), expected.left_matching)
+    np.testing.assert_array_equal(array(heard["rectified/right/image_rect_color"][0]), expected.right)
+
+
+def test_pictures_are_read_only_while_somebody_reads_rectified_ones(bench: Bench) -> None:
+    bench.start(RectifyNode)
+    heard = bench.listen(Image, "rectified/left/image_rect")
+    upstream = Upstream(bench, matching=True)
+    upstream.connect("image_enhanced")
+    upstream.calibrate(SECOND)
+    upstream.matching(5 * SECOND)
     bench.spin_until(lambda: heard)
-    np.testing.assert_array_equal(array(heard[0]), offline(matching=matching).left_matching)
+    np.testing.assert_array_equal(array(heard[0]), offline(matching=MATCHING).left_matching)
+    readers = {side: upstream.topics[f"{side}/image_enhanced"].get_subscription_count for side in ("left", "right")}
+    assert {side: count() for side, count in readers.items()} == {"left": 0, "right": 0}
+    pictures = bench.listen(Image, "rectified/left/image_rect_color")
+    bench.spin_until(lambda: readers["left"]())
+    upstream.images(6 * SECOND)
+    upstream.matching(6 * SECOND)
+    bench.spin_until(lambda: pictures)
+    np.testing.assert_array_equal(array(pictures[0]), offline(matching=MATCHING).left)
+    assert readers["right"]() == 0
 
 
 def test_the_first_pair_waits_for_a_calibration_that_will_come(bench: Bench) -> None:
@@ -277,7 +301,7 @@ def test_images_without_texture_cost_the_frame(bench: Bench) -> None:
 
 def test_matching_images_of_another_size_are_refused(bench: Bench) -> None:
     node = bench.start(RectifyNode)
-    bench.listen(Image, "rectified/left/image_rect")
+    bench.listen(Image, "rectified/left/image_rect_color"), bench.listen(Image, "rectified/right/image_rect_color")
     upstream = Upstream(bench, infos=False, matching=True)
     upstream.connect()
     small = to_gray(LEFT)[::2, ::2]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,8 +11,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from uw_recon_ros.mount import MountParams
-from uw_recon_ros.reconstruct.obstacles import FindObstacles, ObstacleParams, nearest_agreed
-from uw_recon_ros.types import DepthMap, StereoGeometry
+from uw_recon_ros.reconstruct.obstacles import FindObstacles, ObstacleParams, Surroundings, nearest_agreed
+from uw_recon_ros.types import DepthMap, DisparityMap, StereoGeometry
 
 WIDTH, HEIGHT, FOCAL = 160, 120, 100.0
 GEOMETRY = StereoGeometry(FOCAL, WIDTH / 2, WIDTH / 2, HEIGHT / 2, 0.1)
@@ -27,9 +29,21 @@ def wall(distance: float) -> np.ndarray:
     return np.full((HEIGHT, WIDTH), distance)
 
 
-def finder(**params: object) -> FindObstacles:
+def disparities(depth: DepthMap, **changes: object) -> DisparityMap:
+    """What a depth map was made of."""
+    values = FOCAL * 0.1 / depth.depth
+    near = int(np.nanmax(np.nan_to_num(values))) + 50
+    return replace(DisparityMap(values, values, depth.status, 0, near, depth.geometry), **changes)
+
+
+class Finder(FindObstacles):
+    def look(self, depth: DepthMap, disparity: DisparityMap | None = None) -> Surroundings:
+        return super().look(depth, disparity or disparities(depth))
+
+
+def finder(**params: object) -> Finder:
     mount = {name: params.pop(name) for name in list(params) if name.startswith("camera_")}
-    return FindObstacles(ObstacleParams(**params), MountParams(base_frame="base_link", **mount))
+    return Finder(ObstacleParams(**params), MountParams(base_frame="base_link", **mount))
 
 
 def direction(sectors, index: int) -> float:
@@ -88,6 +102,27 @@ def test_uncertain_depths_and_a_few_pixels_tell_nothing() -> None:
     assert finder().look(depth_map(depth)).along_axis() is None
 
 
+def test_what_is_unlikely_tells_nothing() -> None:
+    depth = depth_map(wall(2.0))
+    for share, told in ((0.95, True), (0.85, False)):
+        unsure = disparities(depth, confidence=np.full(depth.depth.shape, share, np.float32))
+        assert np.isfinite(finder().look(depth, unsure).sectors().ranges).any() == told
+        assert (finder().look(depth, unsure).along_axis() is not None) == told
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_nearest_that_was_looked_for_is_no_obstacle(sign: int) -> None:
+    """What is nearer than the search lands at its limit, and so does water without anything in it."""
+    depth = depth_map(wall(1.0), geometry=replace(GEOMETRY, baseline_m=0.1 * sign))
+    values = np.full(depth.depth.shape, np.float32(sign * 10.0))
+    for limit, told in ((10, False), (13, False), (17, True)):
+        low, high = sorted((0, sign * limit))
+        found = disparities(depth, disparity=values, min_disparity=low, max_disparity=high)
+        assert np.isfinite(finder().look(depth, found).sectors().ranges).any() == told
+    unknown = disparities(depth, disparity=values, min_disparity=0, max_disparity=0)
+    assert np.isfinite(finder().look(depth, unknown).sectors().ranges).any()
+
+
 def test_range_ahead_and_down() -> None:
     ahead = finder().look(depth_map(wall(2.0), sigma=0.03)).along_axis()
     assert ahead is not None
@@ -106,7 +141,7 @@ def test_a_slanted_camera_measures_the_height_over_a_level_floor() -> None:
     rays = np.stack([(u - WIDTH / 2) / FOCAL, (v - HEIGHT / 2) / FOCAL, np.ones_like(u, float)], axis=-1)
     down = -(rays @ mount.base_from_optical.T)[..., 2]
     depth = np.where(down > 0.05, 1.2 / np.maximum(down, 0.05), np.nan)
-    found = FindObstacles(params, mount).look(depth_map(depth)).along_axis()
+    found = Finder(params, mount).look(depth_map(depth)).along_axis()
     assert found is not None
     assert found.distance == pytest.approx(1.2, rel=1e-3)
 

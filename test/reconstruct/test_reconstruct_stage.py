@@ -9,7 +9,7 @@ import pytest
 from helpers.reconstruct_scenes import ABOVE, GEOMETRIES, HORIZONTAL, disparity_map, picture, plane_depth, sphere_depth
 
 from uw_recon_ros import pieces
-from uw_recon_ros.reconstruct import cloud, gaps, planes, rasters
+from uw_recon_ros.reconstruct import cloud, gaps, planes, rasters, speckles
 from uw_recon_ros.reconstruct.stage import Reconstruct, ReconstructParams
 from uw_recon_ros.types import Status
 
@@ -152,7 +152,10 @@ def test_a_mono_image_colours_grey():
 def test_after_warming_up_nothing_is_left_to_compile():
     stage = Reconstruct()
     stage.warm_up()
-    kernels = (planes._fit, pieces._label, cloud._number_cells, gaps._close, rasters.misfit, rasters.broken_triangles)
+    kernels = (
+        planes._lay_out, planes._fit, pieces._label, speckles._mark_small, cloud._number_cells, cloud._add_up,
+        gaps._close, rasters.misfit, rasters.broken_triangles,
+    )  # fmt: skip
     before = [len(kernel.signatures) for kernel in kernels]
     assert min(before) >= 1
     depth = stage.depth(disparity_map(scene(HORIZONTAL), HORIZONTAL, noise_px=0.2))

@@ -152,7 +152,11 @@ class ClockSight:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """Machine and middleware, as this process has them; `udp_ports` are those in use on this machine."""
+    """Machine and middleware, as this process has them.
+
+    `udp_ports` are those in use on this machine, `tcp_ports` those listened on, `receive_bytes` is the most that a
+    socket may be given to receive; `zenoh` holds the environment's ``ZENOH_*``.
+    """
 
     domain: str = "0"
     discovery_range: str = ""
@@ -161,6 +165,9 @@ class Surroundings:
     shm_free_bytes: int | None = None
     nodes_seen: int = 1
     udp_ports: tuple[int, ...] = ()
+    tcp_ports: tuple[int, ...] = ()
+    receive_bytes: int | None = None
+    zenoh: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

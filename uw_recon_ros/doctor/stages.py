@@ -22,7 +22,7 @@ EXCHANGED = (Code.RECTIFY_EXCHANGED.value, Code.MATCH_EXCHANGED.value)
 _REMEDIES = {
     Code.ODOMETRY_LOST.value: "slower, nearer to the bottom, or more light",
     **dict.fromkeys(EXCHANGED, EXCHANGE),
-    Code.RECTIFY_TIE_POINTS.value: "see left/image_enhanced: haze, darkness or no overlap? Calibrated rigs need no tie "
+    Code.RECTIFY_TIE_POINTS.value: "see left/image_matching: haze, darkness or no overlap? Calibrated rigs need no tie "
     "points",
     Code.RECTIFY_NO_PARALLAX.value: "see that the two topics are not of one camera",
     Code.IMAGE_IDENTICAL.value: "see that the two topics are not of one camera",

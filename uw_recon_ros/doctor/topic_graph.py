@@ -25,7 +25,7 @@ class Stage:
 
 
 STAGES = (
-    Stage("preprocess", "preprocess_node", "left/image_enhanced"),
+    Stage("preprocess", "preprocess_node", "left/image_matching"),
     Stage("rectify", "rectify_node", "rectified/left/image_rect"),
     Stage("disparity", "disparity_node", "disparity"),
     Stage("point cloud", "point_cloud_node", METRIC_CLOUD),

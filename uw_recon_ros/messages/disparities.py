@@ -73,6 +73,7 @@ def disparity_from_message(
     *,
     sigma: Any = None,
     status: Any = None,
+    confidence: Any = None,
     assumed_sigma_px: float = 0.5,
     adjusted: bool = False,
 ) -> DisparityMap:
@@ -86,6 +87,8 @@ def disparity_from_message(
         Of the rectified pair.
     sigma, status : Image or None
         ``disparity/sigma`` and ``disparity/status`` of the same moment.
+    confidence : Image or None
+        ``disparity/confidence``.
     assumed_sigma_px : float
         Standard deviation where there is no `sigma`, px.
     adjusted : bool
@@ -94,7 +97,7 @@ def disparity_from_message(
     Raises
     ------
     ImageError
-        Naming what is wrong with which of the three.
+        Naming what is wrong with which of them.
     """
     _check_fields(message)
     received = float_image_from_message(message.image)
@@ -106,6 +109,7 @@ def disparity_from_message(
         disparity=values,
         sigma=_sigma(sigma, valid, assumed_sigma_px),
         status=_status(status, valid),
+        confidence=None if confidence is None else _confidence(confidence, valid),
         min_disparity=math.floor(_limit(low) - offset),
         max_disparity=math.ceil(_limit(high) - offset),
         geometry=geometry,
@@ -145,6 +149,12 @@ def _sigma(message: Any, valid: NDArray[np.bool_], assumed_px: float) -> FloatIm
         _check_shape("disparity/sigma", sigma.shape, valid.shape)
     checked: FloatImage = np.where(valid, sigma, np.float32(np.nan)).astype(np.float32)
     return checked
+
+
+def _confidence(message: Any, valid: NDArray[np.bool_]) -> FloatImage:
+    confidence = float_image_from_message(message)
+    _check_shape("disparity/confidence", confidence.shape, valid.shape)
+    return confidence
 
 
 def _status(message: Any, valid: NDArray[np.bool_]) -> ByteImage:

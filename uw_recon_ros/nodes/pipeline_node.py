@@ -18,7 +18,7 @@ from uw_recon_ros.pipeline import Products, Stages
 from uw_recon_ros.preprocess.sequence import PreprocessSequence
 from uw_recon_ros.preprocess.stage import PreprocessParams
 from uw_recon_ros.reconstruct.obstacles import FindObstacles, ObstacleParams
-from uw_recon_ros.reconstruct.stage import Reconstruct, ReconstructParams
+from uw_recon_ros.reconstruct.stage import TEXTURES, Reconstruct, ReconstructParams
 from uw_recon_ros.rectify.stage import RectifyParams
 from uw_recon_ros.ros.message_groups import Group
 from uw_recon_ros.ros.node import StageNode
@@ -27,9 +27,11 @@ from uw_recon_ros.ros.outputs import Outputs
 from uw_recon_ros.ros.pairs import calibration_from_infos, raw_pair
 from uw_recon_ros.ros.parameters import ParameterSet
 from uw_recon_ros.ros.process import run
+from uw_recon_ros.topics import SIDES
 
 INPUTS = (*preprocess_node.CAMERAS, *rectify_node.CAMERA_INFOS)
 _STEPS = [module.OUTPUTS for module in (preprocess_node, rectify_node, disparity_node, point_cloud_node)]
+PICTURES = (*preprocess_node.PICTURES, *(f"rectified/{side}/image_rect_color" for side in SIDES))
 OUTPUTS = tuple(output for step in _STEPS for output in step)
 
 
@@ -74,6 +76,8 @@ class PipelineNode(StageNode[NodeStages]):
         self.inputs.accepts = preprocess_node.camera_filter(params[CameraParams])
         self.inputs.pace.limit_hz = params[CameraParams].max_rate_hz
         self._most_pixels = params[CameraParams].max_pixels
+        textured = params[ReconstructParams].texture == TEXTURES[0]
+        self._pictured = PICTURES + (point_cloud_node.COLORED if textured else ())
         self.inputs.ignored = rectify_node.unwanted_infos(params[RectifyParams])
         self._rectified = rectify_node.came_rectified_to(self, params[RectifyParams])
         self.diagnostics.say(images_rectified="yes" if any(self._rectified) else "no")
@@ -87,7 +91,7 @@ class PipelineNode(StageNode[NodeStages]):
         rectify_node.report_calibration(self.diagnostics, group)
         calibration = calibration_from_infos(group.get("left_info"), group.get("right_info"), self._rectified)
         raw = raw_pair(group, calibration, self._most_pixels)
-        products = Products(raw, stage)
+        products = Products(raw, stage, shown=outputs.wanted(*self._pictured))
         preprocess_node.report_regions(self.diagnostics, products.enhanced)
         preprocess_node.publish_enhanced(outputs, products.enhanced)
         if outputs.wanted(*_topics_from(1)):
@@ -103,7 +107,7 @@ class PipelineNode(StageNode[NodeStages]):
         stage.match.finished(took_s, self.diagnostics)
 
     def _reconstruct(self, stage: NodeStages, products: Products, outputs: Outputs) -> None:
-        disparity, left = products.disparity, products.rectified.left
+        disparity, left = products.disparity, stage.reconstruct.texture(products.rectified)
         disparity_node.report_disparity(self.diagnostics, disparity)
         disparity_node.publish_disparity(outputs, disparity, stage.params[DisparityMessageParams])
         point_cloud_node.publish_reconstruction(

@@ -4,7 +4,8 @@
 | --- | --- | --- |
 | `disparity` | stereo_msgs/DisparityImage | in |
 | `disparity/sigma`, `disparity/status` | Image | in, where published |
-| `rectified/left/image_rect_color` or `rectified/left/image_rect` | Image | in: texture |
+| `disparity/confidence` | Image | in, where published, while obstacles or range are read |
+| `rectified/left/image_rect_color` or `rectified/left/image_rect` | Image | in, while coloured outputs are read |
 | `rectified/left/camera_info`, `rectified/right/camera_info` | CameraInfo | in, of the same stamp |
 | `depth/image_rect`, `depth/sigma` | Image 32FC1 | out: m along the optical axis, NaN invalid |
 | `depth/camera_info` | CameraInfo | out |
@@ -26,7 +27,7 @@ from uw_recon_ros.calibration.judge import judge_depths
 from uw_recon_ros.mount import MountParams
 from uw_recon_ros.node_params import CloudParams, DisparityMessageParams
 from uw_recon_ros.reconstruct.obstacles import FindObstacles, ObstacleParams
-from uw_recon_ros.reconstruct.stage import Reconstruct, ReconstructParams
+from uw_recon_ros.reconstruct.stage import TEXTURES, Reconstruct, ReconstructParams
 from uw_recon_ros.ros.declarations import Input, input_topic, outputs_of
 from uw_recon_ros.ros.diagnostics import Diagnostics
 from uw_recon_ros.ros.geometry import check_size, geometry_from_infos
@@ -47,15 +48,18 @@ from uw_recon_ros.ros.process import run
 from uw_recon_ros.topics import SIDES, published_by
 from uw_recon_ros.types import ByteImage, DepthMap, DisparityMap
 
+_PICTURE = "rectified/left/image_rect_color"
 INPUTS = (
     Input("status", (input_topic("disparity/status"),), "optional"),
     Input("sigma", (input_topic("disparity/sigma"),), "optional"),
-    Input("left", (input_topic("rectified/left/image_rect_color"), input_topic("rectified/left/image_rect"))),
+    Input("confidence", (input_topic("disparity/confidence"),), "optional"),
+    Input("left", (input_topic(_PICTURE), input_topic("rectified/left/image_rect"))),
     *(Input(f"{side}_info", (input_topic(f"rectified/{side}/camera_info"),)) for side in SIDES),
     Input("disparity", (input_topic("disparity"),)),
 )
 METRIC = tuple(topic.name for topic in published_by("point_cloud_node") if topic.metric)
 FOR_AUTOPILOTS = ("obstacles", "range")
+COLORED = ("points2", "points2_filtered", "points_unscaled", "surface")
 UNSCALED = "points_unscaled"
 OUTPUTS = outputs_of("point_cloud_node")
 _NO_SCALE = f"metric scale unknown: {UNSCALED} instead of depth and points2 (calibrate, or set baseline_m and focal_px)"
@@ -80,14 +84,16 @@ def obstacle_finder(params: ParameterSet) -> FindObstacles:
     return FindObstacles(params[ObstacleParams], params[MountParams], cloud.cloud_min_range, cloud.cloud_max_range)
 
 
-def publish_obstacles(outputs: Outputs, diagnostics: Diagnostics, find: FindObstacles, depth: DepthMap) -> None:
+def publish_obstacles(
+    outputs: Outputs, diagnostics: Diagnostics, find: FindObstacles, depth: DepthMap, disparity: DisparityMap
+) -> None:
     """Tell an autopilot of what is trusted, and of nothing else."""
     if not outputs.wanted(*FOR_AUTOPILOTS):
         return
     placed = bool(find.mount.base_frame)
     diagnostics.say(obstacles="published" if placed else _NO_BASE)  # no warning: recorders listen to everything
     if placed:
-        around = find.look(depth)
+        around = find.look(depth, disparity)
         outputs.send("obstacles", lambda: scan_message(around.sectors()))
         if outputs.wanted("range") and (seen := around.along_axis()) is not None:
             outputs.send("range", lambda: range_message(seen))
@@ -95,9 +101,9 @@ def publish_obstacles(outputs: Outputs, diagnostics: Diagnostics, find: FindObst
 
 def publish_reconstruction(
     outputs: Outputs, diagnostics: Diagnostics, stage: Reconstruct, find: FindObstacles,
-    disparity: DisparityMap, left: ByteImage,
+    disparity: DisparityMap, left: ByteImage | None,
 ) -> None:  # fmt: skip
-    """Compute what is listened to, and publish it: metres only where they are true."""
+    """Compute what is listened to, and publish it: metres only where they are true; in colour only with `left`."""
     metric = disparity.geometry.metric
     diagnostics.say(scale="metric" if metric else "unknown")
     diagnostics.problem("scale", None if metric else _NO_SCALE)
@@ -110,14 +116,15 @@ def publish_reconstruction(
         outputs.send("depth/camera_info", lambda: info)
         outputs.send("depth/sigma", lambda: sigma)
         outputs.send("depth/image_rect", lambda: image)
-        if outputs.wanted("points2", "points2_filtered"):
-            cloud = stage.cloud(depth, left)
+        if left is not None and outputs.wanted("points2", "points2_filtered"):
+            cloud = stage.cloud(depth, left, normals=False)
             outputs.send("points2", lambda: cloud_message(cloud))
             outputs.send("points2_filtered", lambda: cloud_message(stage.thin(cloud)))
-        publish_obstacles(outputs, diagnostics, find, depth)
-    else:
-        outputs.send(UNSCALED, lambda: cloud_message(stage.cloud(depth, left)))
-    outputs.send("surface", lambda: surface_message(stage.surface(depth, left)))
+        publish_obstacles(outputs, diagnostics, find, depth, disparity)
+    elif left is not None:
+        outputs.send(UNSCALED, lambda: cloud_message(stage.cloud(depth, left, normals=False)))
+    if left is not None:
+        outputs.send("surface", lambda: surface_message(stage.surface(depth, left)))
 
 
 class PointCloudNode(StageNode[CloudStage]):
@@ -136,17 +143,25 @@ class PointCloudNode(StageNode[CloudStage]):
     def adapt_inputs(self, params: ParameterSet) -> None:
         """Give the images room to wait for a disparity that takes its time."""
         self.inputs.assembler.memory_bytes = params[CloudParams].image_memory_mb * 1_000_000
+        gray = params[ReconstructParams].texture == TEXTURES[1]
+        self.inputs.accepts = lambda topic: not (gray and topic.name == _PICTURE)
+
+    def adapt_to_listeners(self, outputs: Outputs) -> None:
+        """Read an image only while something is coloured with it, and confidence only for autopilots."""
+        uses = {"left": COLORED, "confidence": FOR_AUTOPILOTS}
+        self.inputs.ignored = frozenset(name for name, topics in uses.items() if not outputs.wanted(*topics))
 
     def work(self, stage: CloudStage, group: Group, outputs: Outputs) -> int:
         """Reconstruct from one disparity."""
         geometry = geometry_from_infos(group["left_info"], group["right_info"])
         disparity = disparity_from_message(
             group["disparity"], geometry, sigma=group.get("sigma"), status=group.get("status"),
-            assumed_sigma_px=stage.assumed_sigma_px, adjusted=stage.adjusted,
+            confidence=group.get("confidence"), assumed_sigma_px=stage.assumed_sigma_px, adjusted=stage.adjusted,
         )  # fmt: skip
-        left = color_image(group["left"])
-        expect_size("rectified left image", left, disparity.disparity)
-        check_size(group["left_info"], left.shape)
+        left = color_image(group["left"]) if "left" in group else None
+        if left is not None:
+            expect_size("rectified left image", left, disparity.disparity)
+        check_size(group["left_info"], disparity.disparity.shape)
         publish_reconstruction(outputs, self.diagnostics, stage.reconstruct, stage.obstacles, disparity, left)
         return disparity.stamp_ns
 

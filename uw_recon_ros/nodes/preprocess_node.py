@@ -3,7 +3,7 @@
 | topic | type | |
 | --- | --- | --- |
 | `left/image_raw`, `right/image_raw` or `.../compressed` | Image / CompressedImage | in |
-| `left/image_enhanced`, `right/image_enhanced` | Image bgr8 | out: texture, tie points |
+| `left/image_enhanced`, `right/image_enhanced` | Image bgr8 | out: texture; made only while somebody listens |
 | `left/image_matching`, `right/image_matching` | Image mono8 | out: what the matcher sees; 0 = nothing is seen |
 """
 
@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 from sensor_msgs.msg import CompressedImage, Image
@@ -35,6 +36,7 @@ CAMERAS = tuple(
     Input(side, (input_topic(f"{side}/image_raw"), input_topic(f"{side}/image_raw/compressed"))) for side in SIDES
 )
 OUTPUTS = outputs_of("preprocess_node")
+PICTURES = tuple(f"{side}/image_enhanced" for side in SIDES)
 _TRANSPORTS = {"auto": (Image, CompressedImage), "raw": (Image,), "compressed": (CompressedImage,)}
 
 
@@ -49,8 +51,8 @@ def publish_enhanced(outputs: Outputs, pair: EnhancedPair) -> None:
     head = header(pair.stamp_ns, pair.frame_id)
     outputs.send("left/image_matching", lambda: image_message(pair.left_matching, head))
     outputs.send("right/image_matching", lambda: image_message(pair.right_matching, head))
-    outputs.send("left/image_enhanced", lambda: image_message(pair.left, head))
-    outputs.send("right/image_enhanced", lambda: image_message(pair.right, head))
+    for side, picture in pair.pictures.items():
+        outputs.send(f"{side}/image_enhanced", partial(image_message, picture, head))
 
 
 def report_regions(diagnostics: Diagnostics, pair: EnhancedPair) -> None:
@@ -79,7 +81,7 @@ class PreprocessNode(StageNode[PreprocessSequence]):
 
     def work(self, stage: PreprocessSequence, group: Group, outputs: Outputs) -> int:
         """Enhance one pair."""
-        pair = stage(raw_pair(group, most_pixels=self._most_pixels))
+        pair = stage(raw_pair(group, most_pixels=self._most_pixels), shown=outputs.wanted(*PICTURES))
         report_regions(self.diagnostics, pair)
         publish_enhanced(outputs, pair)
         return pair.stamp_ns

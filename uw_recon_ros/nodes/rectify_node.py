@@ -2,7 +2,7 @@
 
 | topic | type | |
 | --- | --- | --- |
-| `left/image_enhanced`, `right/image_enhanced` | Image bgr8 | in |
+| `left/image_enhanced`, `right/image_enhanced` | Image bgr8 | in, while `image_rect_color` is read |
 | `left/image_matching`, `right/image_matching` | Image mono8 | in, where published; else luma of the enhanced images |
 | `left/camera_info`, `right/camera_info` | CameraInfo | in, latest, where published; see `calibration_use` |
 | `rectified/left/image_rect`, `rectified/right/image_rect` | Image mono8 | out: what the matcher sees |
@@ -17,6 +17,7 @@ import math
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from rclpy.node import Node
@@ -113,8 +114,8 @@ def publish_rectified(outputs: Outputs, pair: RectifiedPair) -> None:
     left_info, right_info = rectified_infos(pair)
     outputs.send("rectified/left/camera_info", lambda: left_info)
     outputs.send("rectified/right/camera_info", lambda: right_info)
-    outputs.send("rectified/left/image_rect_color", lambda: image_message(pair.left, head))
-    outputs.send("rectified/right/image_rect_color", lambda: image_message(pair.right, head))
+    for side, picture in pair.pictures.items():
+        outputs.send(f"rectified/{side}/image_rect_color", partial(image_message, picture, head))
     outputs.send("rectified/left/image_rect", lambda: image_message(pair.left_matching, head))
     outputs.send("rectified/right/image_rect", lambda: image_message(pair.right_matching, head))
 
@@ -133,9 +134,16 @@ class RectifyNode(StageNode[RigRectifier]):
 
     def adapt_inputs(self, params: ParameterSet) -> None:
         """Listen to calibrations only where they are used."""
-        self.inputs.ignored = unwanted_infos(params[RectifyParams])
+        self._unwanted_infos = unwanted_infos(params[RectifyParams])
+        self.inputs.ignored = self._unwanted_infos | (self.inputs.ignored & set(SIDES))
         self._rectified = came_rectified_to(self, params[RectifyParams])
         self.diagnostics.say(images_rectified="yes" if any(self._rectified) else "no")
+
+    def adapt_to_listeners(self, outputs: Outputs) -> None:
+        """Read an enhanced image only where its rectified one is read, or nothing else is there to match."""
+        matching = all(self.inputs.has_publisher(f"{side}/image_matching") for side in SIDES)
+        unread = {side for side in SIDES if matching and not outputs.wanted(f"rectified/{side}/image_rect_color")}
+        self.inputs.ignored = self._unwanted_infos | unread
 
     def work(self, stage: RigRectifier, group: Group, outputs: Outputs) -> int:
         """Rectify one pair."""

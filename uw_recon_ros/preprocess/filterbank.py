@@ -109,6 +109,13 @@ def analyse(image: FloatArray, wavelet: str = FARRAS) -> tuple[FloatArray, Bands
     return low_low, (detail_v, detail_u, detail_both)
 
 
+def diagonal_detail(image: FloatArray) -> FloatArray:
+    """Detail along both of `analyse`, by the Farras wavelet, without the rest."""
+    phases = _phases(_wrapped(image, 2 * _REACH, 1), 1)
+    high = _sum_of_phases(phases, _HIGH_PHASES, 1)
+    return _sum_of_phases(_phases(_wrapped(high, 2 * _REACH, 0), 0), _HIGH_PHASES, 0)
+
+
 def synthesise(lowpass: FloatArray, bands: Bands, wavelet: str = FARRAS) -> FloatArray:
     """The image again: the inverse of `analyse`, for an orthogonal wavelet its transpose."""
     if wavelet != FARRAS:
@@ -124,8 +131,8 @@ def _split(image: FloatArray, axis: int) -> tuple[FloatArray, FloatArray]:
 
 
 def _sum_of_phases(phases: Phases, taps: Phases, axis: int) -> FloatArray:
-    total: FloatArray = _filtered(phases[0], taps[0][::-1], axis) + _filtered(phases[1], taps[1][::-1], axis)
-    return total
+    total = _filtered(phases[0], taps[0][::-1], axis)
+    return cv2.add(total, _filtered(phases[1], taps[1][::-1], axis))
 
 
 def _join(low: FloatArray, high: FloatArray, axis: int) -> FloatArray:

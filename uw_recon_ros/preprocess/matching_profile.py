@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from uw_recon_ros.preprocess import wavelet
 from uw_recon_ros.preprocess.arrays import FloatArray, checked_float, checked_number
 from uw_recon_ros.preprocess.color import YCBCR_FROM_RGB
+from uw_recon_ros.preprocess.filterbank import diagonal_detail
 
 _GRAY_LEVEL = 1.0 / 255.0
 _TEXTURE_LAG = 4  # px: differences at this distance are texture and noise
@@ -47,8 +48,7 @@ def channel_weights(images: Sequence[FloatArray]) -> NDArray[np.float64]:
     if not images:
         raise ValueError("images: expected at least one, got none")
     checked = [checked_float("images", image, shape="(H, W, 3)") for image in images]
-    planes = [[np.ascontiguousarray(image[..., channel]) for image in checked] for channel in range(3)]
-    weights = np.array([_texture_over_variance(channel) for channel in planes])
+    weights = np.array([_texture_over_variance(planes) for planes in zip(*map(cv2.split, checked), strict=True)])
     if not weights.any():
         weights = YCBCR_FROM_RGB[0].copy()
     weights /= weights.sum()
@@ -58,14 +58,22 @@ def channel_weights(images: Sequence[FloatArray]) -> NDArray[np.float64]:
 def _texture_over_variance(planes: Sequence[FloatArray]) -> float:
     noise = max(_noise_sigma(planes), _GRAY_LEVEL)
     step = max(1, planes[0].size // _SAMPLES)
-    either_way = [view for plane in planes for view in (plane[::step], plane.T[::step])]
-    lagged = [np.square(view[:, _TEXTURE_LAG:] - view[:, :-_TEXTURE_LAG]).ravel() for view in either_way]
-    texture = 0.5 * float(np.concatenate([[2 * noise**2], *lagged]).mean()) - noise**2
-    return float(np.sqrt(max(texture, 0.0))) / noise**2
+    ways = [
+        (now, then)
+        for plane in planes
+        for now, then in (
+            (plane[::step, _TEXTURE_LAG:], plane[::step, :-_TEXTURE_LAG]),
+            (plane[_TEXTURE_LAG:, ::step], plane[:-_TEXTURE_LAG, ::step]),
+        )
+        if now.size
+    ]
+    squares = sum(cv2.norm(np.ascontiguousarray(now), np.ascontiguousarray(then), cv2.NORM_L2SQR) for now, then in ways)
+    mean = (2 * noise**2 + squares) / (1 + sum(now.size for now, _ in ways))
+    return float(np.sqrt(max(0.5 * mean - noise**2, 0.0))) / noise**2
 
 
 def _noise_sigma(planes: Sequence[FloatArray]) -> float:
-    return wavelet.noise_sigma([wavelet.decompose(_bordered(plane, 1), 1) for plane in planes])
+    return wavelet.sigma_of_details([diagonal_detail(_bordered(plane, 1)) for plane in planes])
 
 
 def weighted_gray(image: FloatArray, weights: NDArray[np.float64]) -> FloatArray:
@@ -120,9 +128,11 @@ def denoise_evenly(gray: FloatArray, sigma: float, *, levels: int = 4) -> FloatA
     here = wavelet.wavelet_denoise(bordered, levels, sigma)
     beside = wavelet.wavelet_denoise(np.roll(bordered, (1, 1), (0, 1)), levels, sigma)
     height, width = gray.shape
-    mean = here[_BORDER : _BORDER + height, _BORDER : _BORDER + width]
-    mean += beside[_BORDER + 1 : _BORDER + 1 + height, _BORDER + 1 : _BORDER + 1 + width]
-    return np.ascontiguousarray(mean * gray.dtype.type(0.5))
+    mean: FloatArray = cv2.addWeighted(
+        here[_BORDER : _BORDER + height, _BORDER : _BORDER + width], 0.5,
+        beside[_BORDER + 1 : _BORDER + 1 + height, _BORDER + 1 : _BORDER + 1 + width], 0.5, 0.0,
+    )  # fmt: skip
+    return mean
 
 
 def _bordered(image: FloatArray, levels: int) -> FloatArray:

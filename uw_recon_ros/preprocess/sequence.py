@@ -19,12 +19,12 @@ class PreprocessSequence:
         self._preprocess = Preprocess(params)
         self._regions = RegionWatch()
 
-    def __call__(self, pair: StereoPair) -> EnhancedPair:
-        """Enhance the next pair.
+    def __call__(self, pair: StereoPair, *, shown: bool = True) -> EnhancedPair:
+        """Enhance the next pair; `shown` as in `Preprocess`.
 
         Raises
         ------
         ImageError, TypeError
             As `Preprocess`.
         """
-        return self._preprocess(pair, self._regions.update(pair))
+        return self._preprocess(pair, self._regions.update(pair), shown=shown)

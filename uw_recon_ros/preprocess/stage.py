@@ -104,7 +104,7 @@ class Preprocess:
 
     params: PreprocessParams = field(default_factory=PreprocessParams)
 
-    def __call__(self, pair: StereoPair, regions: Regions | None = None) -> EnhancedPair:
+    def __call__(self, pair: StereoPair, regions: Regions | None = None, *, shown: bool = True) -> EnhancedPair:
         """Enhance a pair; what it does not show takes no part, and is black in all four images.
 
         Parameters
@@ -113,11 +113,13 @@ class Preprocess:
             uint8 or uint16, mono or RGB; both cameras of one shape and dtype.
         regions : Regions or None
             What either image does not show, as `RegionWatch` found it; None: found in this pair alone.
+        shown : bool
+            Whether there shall be a picture to look at; without one, what is to be matched stands in its place.
 
         Returns
         -------
         EnhancedPair
-            Of the same size.
+            Of the same size; what is to be matched does not depend on `shown`.
 
         Raises
         ------
@@ -133,18 +135,23 @@ class Preprocess:
             scene = both(partial(unit_from_raw, full_scale=full_scale(raw, self.params.sensor_bits)), raw)
             unit = both(continued, scene, masks)
             clean = both(self._without_moire, unit)
-            if "paper" in (self.params.profile, self.params.appearance):
+            filtered = None
+            if self.params.profile == "paper" or (shown and self.params.appearance == "paper"):
                 filtered = self._filtered_luminance(both, both(luminance, clean), masks)
-                shown = self._recolored(both, clean, filtered, masks)
-            else:
-                filtered, shown = clean, improve_appearance(both, clean, masks)
-            left, right = both(blackened, both(_bytes, shown), masks)
             to_match = both(_bytes, self._to_match(both, unit, clean, filtered))
-            left_matching, right_matching = both(mark_unseen, to_match, masks)
+            matching = both(mark_unseen, to_match, masks)
+            pictures = matching
+            if shown:
+                pictures = both(blackened, both(_bytes, self._picture(both, clean, filtered, masks)), masks)
         return EnhancedPair(
-            left, right, left_matching, right_matching, pair.stamp_ns, pair.frame_id, pair.calibration,
-            pair.findings + regions.findings,
-        )  # fmt: skip
+            *pictures, *matching, pair.stamp_ns, pair.frame_id, pair.calibration, pair.findings + regions.findings
+        )
+
+    def _picture(self, both: TwoThreads, clean: Eyes, filtered: Eyes | None, masks: tuple[Mask, Mask]) -> Eyes:
+        """What is shown: the paper's where there is a filtered luminance."""
+        if filtered is None:
+            return improve_appearance(both, clean, masks)
+        return self._recolored(both, clean, filtered, masks)
 
     def _without_moire(self, image: FloatImage) -> FloatImage:
         """Step 1."""
@@ -204,8 +211,9 @@ class Preprocess:
         gains = equalizing_gains(colored, max_gain=self.params.color_gain_limit, masks=masks)
         return both(partial(apply_gains, gains=gains), colored)
 
-    def _to_match(self, both: TwoThreads, unit: Eyes, clean: Eyes, filtered: Eyes) -> Eyes:
+    def _to_match(self, both: TwoThreads, unit: Eyes, clean: Eyes, filtered: Eyes | None) -> Eyes:
         if self.params.profile == "paper":
+            assert filtered is not None
             return filtered
         if self.params.profile == "none":
             return both(luminance, unit)

@@ -84,21 +84,24 @@ def sigma_after_smoothing(sigma: FloatImage, before: FloatImage, after: FloatIma
     (H, W) float32
         NaN where `sigma` is; never less than a part of it.
     """
-    moved = after - before
-    valid = np.isfinite(moved)
-    moves = np.where(valid, moved, np.float32(0)).astype(np.float32)
-    near, wide = _share_mean(np.square(moves), valid, _MOVE_WINDOW), _share_mean(moves, valid, _BEND_WINDOW)
+    moves = after - before
+    valid = np.isfinite(moves)
+    moves[~valid] = 0
+    share = valid.astype(np.float32)
+    near = _share_mean(np.square(moves), share, _MOVE_WINDOW)
+    bent = np.square(_share_mean(moves, share, _BEND_WINDOW))
     variance = np.square(sigma)
-    remaining = variance - near + 2 * np.square(wide)
-    least = np.float32(_SURELY_LEFT**2) * variance
-    left: FloatImage = np.sqrt(np.clip(remaining, least, variance + np.square(wide))).astype(np.float32)
+    most = variance + bent
+    near -= bent
+    remaining = np.minimum(np.maximum(most - near, np.float32(_SURELY_LEFT**2) * variance), most)
+    left: FloatImage = np.sqrt(remaining, out=remaining)
     return left
 
 
-def _share_mean(values: FloatImage, valid: Mask, side: int) -> FloatImage:
-    """Mean of the valid pixels of a window."""
-    count = cv2.blur(valid.astype(np.float32), (side, side))
-    mean: FloatImage = np.asarray(cv2.blur(values, (side, side)) / np.maximum(count, np.float32(1e-6)), np.float32)
+def _share_mean(values: FloatImage, share: FloatImage, side: int) -> FloatImage:
+    """Mean of a window's pixels, those that count having a share of 1."""
+    mean = np.asarray(cv2.blur(values, (side, side)), np.float32)
+    mean /= np.maximum(cv2.blur(share, (side, side)), np.float32(1e-6))
     return mean
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from uw_recon_ros.mount import MountParams
 from uw_recon_ros.params import Params, param
 from uw_recon_ros.reconstruct.triangulation import points_from_depth
-from uw_recon_ros.types import AxisRange, DepthMap, Sectors
+from uw_recon_ros.types import AxisRange, DepthMap, DisparityMap, Mask, Sectors
 
 _AXES = {"forward": (1.0, 0.0, 0.0), "down": (0.0, 0.0, -1.0), "up": (0.0, 0.0, 1.0)}
 
@@ -49,6 +49,10 @@ class ObstacleParams(Params):
     obstacle_max_relative_sigma: float = param(
         0.05, "Depths less certain than this share of themselves tell of no obstacle.", low=0.001, high=1.0
     )
+    obstacle_min_confidence: float = param(
+        0.9, "Pixels less likely to be right than this tell of no obstacle (where disparity/confidence is known).",
+        low=0.0, high=1.0,
+    )  # fmt: skip
     range_axis: str = param("forward", "Direction in which range is measured, in base_frame.", choices=tuple(_AXES))
     range_cone_deg: float = param(10.0, "Full angle of the cone in which range looks.", unit="deg", low=0.5, high=90.0)
 
@@ -144,13 +148,15 @@ class FindObstacles:
     min_range: float = 0.1
     max_range: float = 20.0
 
-    def look(self, depth: DepthMap) -> Surroundings:
+    def look(self, depth: DepthMap, disparity: DisparityMap) -> Surroundings:
         """Take of a depth map what is trusted.
 
         Parameters
         ----------
         depth : DepthMap
             Metric.
+        disparity : DisparityMap
+            That it was made of: its confidence, where it has one, and the limits it was searched in.
 
         Raises
         ------
@@ -162,6 +168,9 @@ class FindObstacles:
         p = self.params
         with np.errstate(invalid="ignore"):
             trusted = depth.sigma <= np.float32(p.obstacle_max_relative_sigma) * depth.depth
+            trusted &= _within_search(disparity)
+            if disparity.confidence is not None:
+                trusted &= disparity.confidence >= np.float32(p.obstacle_min_confidence)
         points = points_from_depth(depth.depth, depth.geometry)[trusted].astype(np.float64)
         lengths = np.linalg.norm(points, axis=1)
         near = (lengths >= self.min_range) & (lengths <= self.max_range)
@@ -169,6 +178,20 @@ class FindObstacles:
         fewest = max(1, round(p.obstacle_min_share * depth.depth.size))
         offsets = points[near] @ self.mount.base_from_optical.T
         return Surroundings(offsets, along_ray, fewest, self.min_range, self.max_range, depth.stamp_ns, p, self.mount)
+
+
+#: px from the near limit of the search: what would be nearer lands there, and so does water that shows nothing.
+_AT_LIMIT_PX = 6
+
+
+def _within_search(disparity: DisparityMap) -> Mask:
+    """Where a disparity is not the nearest that was looked for; everywhere where nobody told the limits."""
+    low, high = disparity.min_disparity, disparity.max_disparity
+    if low >= high:
+        return np.ones(disparity.disparity.shape, np.bool_)
+    if disparity.geometry.focal_times_baseline > 0:
+        return np.asarray(disparity.disparity <= high - _AT_LIMIT_PX)
+    return np.asarray(disparity.disparity >= low + _AT_LIMIT_PX)
 
 
 #: Distances within this share of the nearest one agree with it.

@@ -57,16 +57,32 @@ def fit_planes(planes: Planes, bandwidth: FloatImage, step: int = 1) -> Planes:
         Distance of neighbouring samples, px (the holes of an "a-trous" filter).
     """
     height, width = planes.value.shape
-    valid = np.isfinite(planes.value)
-    padded = np.zeros((5, height + 2 * step, width + 2 * step), np.float32)
-    value, slope_u, slope_v, weight, inverse_band = padded[:, step:-step, step:-step]
-    np.copyto(value, planes.value, where=valid)
-    slope_u[:], slope_v[:], weight[:] = planes.slope_u, planes.slope_v, valid
-    np.divide(np.float32(1.0), np.maximum(bandwidth, np.float32(1e-6)), out=inverse_band, where=valid)
+    padded = np.empty((5, height + 2 * step, width + 2 * step), np.float32)
+    _lay_out(planes.value, planes.slope_u, planes.slope_v, bandwidth, step, padded)
     fitted = np.empty((4, height, width), np.float32)
     _fit(padded, step, fitted)
-    fitted[0][~valid] = np.nan
     return Planes(fitted[0], fitted[1], fitted[2], fitted[3])
+
+
+@kernel
+def _lay_out(
+    value: FloatImage, slope_u: FloatImage, slope_v: FloatImage, bandwidth: FloatImage, step: int, padded: FloatImage
+) -> None:
+    """Value, slopes, weight and inverse bandwidth with a rim of zeros, and zeros where there is no value."""
+    height, width = value.shape
+    padded[:, :step] = np.float32(0.0)
+    padded[:, height + step :] = np.float32(0.0)
+    padded[:, :, :step] = np.float32(0.0)
+    padded[:, :, width + step :] = np.float32(0.0)
+    zero, one = np.float32(0.0), np.float32(1.0)
+    for v in range(height):
+        for u in range(width):
+            valid = np.isfinite(value[v, u])
+            padded[0, v + step, u + step] = value[v, u] if valid else zero
+            padded[1, v + step, u + step] = slope_u[v, u]
+            padded[2, v + step, u + step] = slope_v[v, u]
+            padded[3, v + step, u + step] = one if valid else zero
+            padded[4, v + step, u + step] = one / max(bandwidth[v, u], np.float32(1e-6)) if valid else zero
 
 
 @kernel
@@ -112,6 +128,6 @@ def _fit(padded: FloatImage, step: int, fitted: FloatImage) -> None:
             xr, yr = sxr - mx * sr, syr - my * sr
             scale = weight_here[k] / (xx * yy - xy * xy)
             p, q = (yy * xr - xy * yr) * scale, (xx * yr - xy * xr) * scale
-            out[u] = here[k] + weight_here[k] * (mr - p * mx - q * my)
+            out[u] = here[k] + weight_here[k] * (mr - p * mx - q * my) if weight_here[k] > zero else np.float32(np.nan)
             out_u[u], out_v[u] = (gu[k] + p) * weight_here[k], (gv[k] + q) * weight_here[k]
             out_support[u] = s * weight_here[k]

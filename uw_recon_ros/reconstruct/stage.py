@@ -17,11 +17,14 @@ from uw_recon_ros.types import (
     DepthMap,
     DisparityMap,
     PointCloud,
+    RectifiedPair,
     Status,
     StereoGeometry,
     Surface,
     named_frame,
 )
+
+TEXTURES = ("enhanced", "matching")
 
 
 @dataclass(frozen=True)
@@ -32,6 +35,12 @@ class ReconstructParams(Params):
         "optical",
         "Frame of clouds and surface: the left camera's own, or the rectified view's.",
         choices=("optical", "rectified"),
+    )
+    texture: str = param(
+        "enhanced",
+        "What colours clouds and surface: the enhanced picture, or what the matcher sees (gray, and no picture need "
+        "be made).",
+        choices=TEXTURES,
     )
     speckle_jump_px: float = param(
         1.0, "Neighbours whose disparities differ by more belong to different pieces.", unit="px", low=0.0, high=100.0
@@ -160,21 +169,27 @@ class Reconstruct:
         depth, sigma, status = triangulate(smooth, left, status, disparity.geometry, p.max_relative_sigma)
         return DepthMap(depth, sigma, status, disparity.geometry, disparity.stamp_ns, disparity.frame_id)
 
-    def cloud(self, depth: DepthMap, left: ByteImage) -> PointCloud:
-        """One point a pixel, with normals; NaN where there is no depth.
+    def texture(self, pair: RectifiedPair) -> ByteImage:
+        """What of a pair colours clouds and surface."""
+        return pair.left if self.params.texture == TEXTURES[0] else pair.left_matching
+
+    def cloud(self, depth: DepthMap, left: ByteImage, *, normals: bool = True) -> PointCloud:
+        """One point a pixel; NaN where there is no depth.
 
         Parameters
         ----------
         depth : DepthMap
         left : (H, W, 3) or (H, W) uint8
             Left rectified view.
+        normals : bool
+            Messages have none.
 
         Raises
         ------
         ValueError, TypeError
             `left` is not an image of the depth map's size.
         """
-        return organised_cloud(depth, _colors(depth, left), self._frame)
+        return organised_cloud(depth, _colors(depth, left), self._frame, normals=normals)
 
     def filtered_cloud(self, depth: DepthMap, left: ByteImage) -> PointCloud:
         """A dense cloud: range-limited, one point a voxel, bounded in number. Raises as `cloud`."""

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from uw_recon_ros.rectify.rectified_camera import RectifiedCamera
 from uw_recon_ros.rectify.tie_points import TiePoints
+from uw_recon_ros.rectify.warp import beyond_image
 from uw_recon_ros.types import FloatImage, Mask, Matrix, RectificationQuality, StereoGeometry, Window
 
 _NEARLY_ALL = 0.95
@@ -55,6 +57,15 @@ class Rectification:
     infinity_sigma_px: float = float("nan")
     flat: bool = False
     locked: bool = False
+
+    @cached_property
+    def outside(self) -> tuple[Mask | None, Mask | None]:
+        """Where the left and the right map point beyond the raw image; None where there is no map."""
+        left, right = (
+            None if raw_from_rect is None else beyond_image(raw_from_rect, self.raw_height, self.raw_width)
+            for raw_from_rect in (self.left_map, self.right_map)
+        )
+        return left, right
 
     def rectified(self, tie_points: TiePoints) -> tuple[Matrix, Matrix]:
         """Rectified pixels of tie points, two of (N, 2) float64."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from uw_recon_ros.errors import ImageError
 from uw_recon_ros.rectify.params import RectifyParams
 from uw_recon_ros.rectify.rectification import Rectification
-from uw_recon_ros.rectify.warp import warp_image, warp_unseen
-from uw_recon_ros.types import ByteImage, EnhancedPair, FloatImage, RectifiedPair, named_frame
+from uw_recon_ros.rectify.warp import read_at, warp_unseen
+from uw_recon_ros.types import ByteImage, EnhancedPair, FloatImage, Mask, RectifiedPair, named_frame
 from uw_recon_ros.unseen import blackened, continued, mark_unseen, unseen
 
 __all__ = ["Rectify", "RectifyParams"]
@@ -26,7 +26,7 @@ class Rectify:
     params: RectifyParams
 
     def __call__(self, pair: EnhancedPair, rectification: Rectification) -> RectifiedPair:
-        """Warp the four images of a pair.
+        """Warp the four images of a pair; two where it has no pictures.
 
         Parameters
         ----------
@@ -45,8 +45,9 @@ class Rectify:
             An image is of another size than the rectification was made for.
         """
         _check_sizes(pair, rectification)
-        left, left_matching = self._warped(pair.left, pair.left_matching, rectification.left_map)
-        right, right_matching = self._warped(pair.right, pair.right_matching, rectification.right_map)
+        outside = rectification.outside
+        left, left_matching = self._warped(pair.left, pair.left_matching, rectification.left_map, outside[0])
+        right, right_matching = self._warped(pair.right, pair.right_matching, rectification.right_map, outside[1])
         return RectifiedPair(
             left=left,
             right=right,
@@ -61,18 +62,19 @@ class Rectify:
         )
 
     def _warped(
-        self, shown: ByteImage, matching: ByteImage, raw_from_rect: FloatImage | None
+        self, shown: ByteImage, matching: ByteImage, raw_from_rect: FloatImage | None, outside: Mask | None
     ) -> tuple[ByteImage, ByteImage]:
         """Both images of a camera; what the raw image does not show stays black."""
         if raw_from_rect is None:
             return shown, matching
         missing = unseen(matching)
-        hidden = warp_unseen(missing, raw_from_rect)
-        shown, matching = (
-            warp_image(continued(image, missing), raw_from_rect, self.params.rectify_interpolation)
-            for image in (shown, matching)
-        )
-        return blackened(shown, hidden), mark_unseen(matching, hidden)
+        hidden = warp_unseen(missing, raw_from_rect, outside)
+
+        def warped(image: ByteImage) -> ByteImage:
+            return read_at(continued(image, missing), raw_from_rect, self.params.rectify_interpolation)
+
+        to_match = mark_unseen(warped(matching), hidden)
+        return to_match if shown is matching else blackened(warped(shown), hidden), to_match
 
 
 def _check_sizes(pair: EnhancedPair, rectification: Rectification) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -122,20 +123,29 @@ def warp_image(image: ByteImage, raw_from_rect: FloatImage, interpolation: str) 
     -------
     (h, w) or (h, w, 3) uint8
     """
-    height, width = image.shape[:2]
+    return blackened(read_at(image, raw_from_rect, interpolation), beyond_image(raw_from_rect, *image.shape[:2]))
+
+
+def read_at(image: ByteImage, raw_from_rect: FloatImage, interpolation: str) -> ByteImage:
+    """`warp_image`, but that the image's border goes on outside: for who knows already what lies there.
+
+    Maps in fixed point would save nothing for gray images, and cost a digit in one pixel of twenty.
+    """
+    return np.asarray(_remapped(image, raw_from_rect, _INTERPOLATION[interpolation]), np.uint8)
+
+
+def _remapped(image: NDArray[Any], raw_from_rect: FloatImage, interpolation: int) -> NDArray[Any]:
+    nothing: Any = None  # u and v are in one array: the second map has nothing to add
+    return np.asarray(cv2.remap(image, raw_from_rect, nothing, interpolation, borderMode=cv2.BORDER_REPLICATE))
+
+
+def beyond_image(raw_from_rect: FloatImage, height: int, width: int) -> Mask:
+    """Where a map points beyond a raw image of that size, (h, w) bool."""
     u, v = raw_from_rect[..., 0], raw_from_rect[..., 1]
-    warped = np.asarray(
-        cv2.remap(image, u, v, _INTERPOLATION[interpolation], borderMode=cv2.BORDER_REPLICATE), np.uint8
-    )
-    return blackened(warped, _outside(raw_from_rect, height, width))
+    return np.asarray((u < -0.5) | (u > width - 0.5) | (v < -0.5) | (v > height - 0.5))
 
 
-def _outside(raw_from_rect: FloatImage, height: int, width: int) -> Mask:
-    beyond = (raw_from_rect < -0.5) | (raw_from_rect > np.array([width - 0.5, height - 0.5], np.float32))
-    return np.asarray(beyond[..., 0] | beyond[..., 1])
-
-
-def warp_unseen(mask: Mask, raw_from_rect: FloatImage) -> Mask:
+def warp_unseen(mask: Mask, raw_from_rect: FloatImage, outside: Mask | None = None) -> Mask:
     """Where a rectified image shows nothing, (h, w) bool.
 
     Parameters
@@ -143,18 +153,20 @@ def warp_unseen(mask: Mask, raw_from_rect: FloatImage) -> Mask:
     mask : (H, W) bool
         Where the raw image shows nothing.
     raw_from_rect : (h, w, 2) float32
+    outside : (h, w) bool or None
+        `beyond_image` of the map, where that is known.
 
     Returns
     -------
     (h, w) bool
         Outside the raw image, and what is interpolated from masked pixels, with a margin.
     """
-    outside = _outside(raw_from_rect, *mask.shape)
+    if outside is None:
+        outside = beyond_image(raw_from_rect, *mask.shape)
     if not mask.any():
         return outside
-    u, v = raw_from_rect[..., 0], raw_from_rect[..., 1]
-    share = cv2.remap(mask.astype(np.float32), u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return with_margin(np.asarray(share > 0)) | outside
+    share = _remapped(mask.astype(np.float32), raw_from_rect, cv2.INTER_LINEAR)
+    return with_margin(share > 0) | outside
 
 
 def swapped_map(raw_from_rect: FloatImage) -> FloatImage:

@@ -105,9 +105,10 @@ class Inputs:
             return
         for wanted in self._inputs:
             self._attend(wanted)
+        read = [i for i in self._inputs if i.name not in self.ignored]
         self.assembler.expect(
-            [i.name for i in self._inputs if i.role == "paired" or (i.role == "optional" and self._served(i))],
-            [i.name for i in self._inputs if i.role == "latest" and self._served(i)],
+            [i.name for i in read if i.role == "paired" or (i.role == "optional" and self._served(i))],
+            [i.name for i in read if i.role == "latest" and self._served(i)],
         )
         self._look_for_stalls()
 

@@ -114,6 +114,9 @@ class StageNode(ManagedNode, Generic[S]):
     def adapt_inputs(self, params: ParameterSet) -> None:
         """Adapt the inputs to the parameters. Overridden where there is something to adapt."""
 
+    def adapt_to_listeners(self, outputs: Outputs) -> None:
+        """Adapt the inputs to what is listened to. Overridden where some outputs need fewer of them."""
+
     @property
     def stage(self) -> S | None:
         """What `build` made last; None while unconfigured."""
@@ -188,6 +191,8 @@ class StageNode(ManagedNode, Generic[S]):
         if self.session is None or not self.session.outputs.open:
             return
         wanted = self.session.outputs.wanted() or self.works_unasked(self._declared.current)
+        if wanted:
+            self.adapt_to_listeners(self.session.outputs)
         if wanted == self.inputs.active:
             self.inputs.refresh()
         elif wanted:

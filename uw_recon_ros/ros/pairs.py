@@ -45,18 +45,27 @@ def raw_pair(
 
 
 def enhanced_pair(group: Group, calibration: StereoCalibration | None) -> EnhancedPair:
-    """Decode ``left``, ``right`` and, where they came, ``left_matching``, ``right_matching``."""
-    first, second, findings = _two_images(group, "left", "right")
-    left, right = as_color(first), as_color(second)
-    if "left_matching" in group and "right_matching" in group:
-        *matching, _ = _two_images(group, "left_matching", "right_matching")
-        expect_size("matching images", matching[0], left)
-    else:
-        matching = [to_gray(left), to_gray(right)]
+    """Decode ``left``, ``right``, ``left_matching`` and ``right_matching``: at least either two of them."""
+    names = ("left_matching", "right_matching") if group.keys() >= _MATCHING else ("left", "right")
+    first, second, findings = _two_images(group, *names)
+    left, right = as_mono(first), as_mono(second)
+    message = group[names[0]]
     return EnhancedPair(
-        left, right, as_mono(matching[0]), as_mono(matching[1]),
-        stamp_ns(group["left"]), group["left"].header.frame_id, calibration, findings,
+        _picture("left", group, left), _picture("right", group, right), left, right,
+        stamp_ns(message), message.header.frame_id, calibration, findings,
     )  # fmt: skip
+
+
+_MATCHING = {"left_matching", "right_matching"}
+
+
+def _picture(side: str, group: Group, matching: ByteImage) -> ByteImage:
+    """A camera's enhanced image; what is matched where it did not come."""
+    if side not in group:
+        return matching
+    picture = as_color(_decode(side, group[side], LARGEST_PIXELS))
+    expect_size("matching images", matching, picture)
+    return picture
 
 
 def rectified_pair(group: Group) -> RectifiedPair:
@@ -73,7 +82,7 @@ def rectified_pair(group: Group) -> RectifiedPair:
         check_size(info, left.shape)
     windows = [window_from_info(info) for info in infos]
     return RectifiedPair(
-        left=as_color(left), right=as_color(right), left_matching=left, right_matching=right,
+        left=left, right=right, left_matching=left, right_matching=right,
         geometry=geometry_from_infos(*infos), quality=RectificationQuality("given"),
         valid_left=windows[0], valid_right=windows[1],
         stamp_ns=stamp_ns(group["left"]), frame_id=group["left"].header.frame_id,

@@ -20,6 +20,7 @@ from uw_recon_ros.ros import fastdds
 from uw_recon_ros.ros.observer.probe import Probe
 
 _SETTLED_S = 1.0
+_LISTENING = "0A"  # of the states in /proc/net/tcp
 
 
 def surroundings() -> Surroundings:
@@ -36,17 +37,27 @@ def surroundings() -> Surroundings:
         rmw=rclpy.utilities.get_rmw_implementation_identifier(),
         profile=chosen[0] if chosen else "",
         shm_free_bytes=free,
-        udp_ports=_udp_ports(),
+        udp_ports=_ports("udp"),
+        tcp_ports=_ports("tcp", _LISTENING) + _ports("tcp6", _LISTENING),
+        receive_bytes=_receive_bytes(),
+        zenoh={name: value for name, value in os.environ.items() if name.startswith("ZENOH_")},
     )
 
 
-def _udp_ports() -> tuple[int, ...]:
-    """UDP ports in use on this machine; none where the system does not tell."""
+def _ports(protocol: str, state: str = "") -> tuple[int, ...]:
+    """Ports in use on this machine; none where the system does not tell."""
     try:
-        lines = Path("/proc/net/udp").read_text(encoding="ascii").splitlines()[1:]
-        return tuple(int(line.split()[1].rsplit(":", 1)[1], 16) for line in lines)
+        lines = [line.split() for line in Path("/proc/net", protocol).read_text(encoding="ascii").splitlines()[1:]]
+        return tuple(int(line[1].rsplit(":", 1)[1], 16) for line in lines if not state or line[3] == state)
     except (OSError, ValueError, IndexError):
         return ()
+
+
+def _receive_bytes() -> int | None:
+    try:
+        return int(Path("/proc/sys/net/core/rmem_max").read_text(encoding="ascii"))
+    except (OSError, ValueError):
+        return None
 
 
 def _busiest(nodes: Sequence[tuple[str, str]], here: str) -> str:
