@@ -109,7 +109,9 @@ def test_floors_repeat_themselves(bottom: str, period: float) -> None:
     dive = SurveyDive(params, CourseParams(track="line", bottom=bottom))
     kept = dive.pose(0)
     places = [kept.position + np.array([0.0, k * period, 0.0]) for k in (0, 1)]
-    dive.pose = lambda index: dataclasses.replace(kept, position=places[index])  # type: ignore[method-assign]
+    dive.pose_after = lambda seconds: dataclasses.replace(  # type: ignore[method-assign]
+        kept, position=places[round(seconds * params.rate_hz)]
+    )
     first, second = dive.frame(0), dive.frame(1)
     assert np.abs(first.depth - second.depth).max() < 1e-3
     if bottom == "tiles":

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uw_recon_ros.simulate.params import CourseParams, SimulateParams
-from uw_recon_ros.simulate.rig import Pose, rotation_about
+from uw_recon_ros.simulate.rig import Pose, looking_up, rotation_about
 from uw_recon_ros.types import Matrix
 
 _WOBBLE_M = 6.0  # of track for one swing of heading and altitude
@@ -93,7 +93,7 @@ class Course:
         at, pitch = self.waypoint(s), math.radians(p.pitch_deg)
         swing = math.sin(2 * math.pi * s / _WOBBLE_M)
         heading = at.direction - math.pi / 2 + math.radians(c.heading_swing_deg) * swing
-        rotation = rotation_about(np.array([0.0, 0.0, heading])) @ _looking_down(pitch) @ _sway(seconds)
+        rotation = rotation_about(np.array([0.0, 0.0, heading])) @ _looking_down(pitch) @ looking_up(p) @ _sway(seconds)
         altitude = p.distance_m * math.sin(pitch) + c.altitude_swing_m * swing
         bob = 0.02 * math.sin(2 * math.pi * seconds / 7.0 + 0.5)
         return Pose(rotation, np.array([at.x, at.y, altitude + bob]))

@@ -11,6 +11,8 @@ import numpy as np
 from uw_recon_ros.simulate import lamp as lamps
 from uw_recon_ros.simulate import snow as snows
 from uw_recon_ros.simulate.cast import FAR_M, cast
+from uw_recon_ros.simulate.disturb import port_pattern, recorded, through_port
+from uw_recon_ros.simulate.fish import with_fish
 from uw_recon_ros.simulate.params import SimulateParams
 from uw_recon_ros.simulate.render import render
 from uw_recon_ros.simulate.rig import Pose, make_rig, pinhole_directions, pixel_directions, pose_at, project
@@ -21,6 +23,7 @@ from uw_recon_ros.types import ByteImage, FloatImage, Matrix, RawImage, Status, 
 
 _FIRST_NS = 1_700_000_000_000_000_000
 _HIDDEN = 1e-4  # relative; less is the same surface
+_BANDS, _MOMENTS = 24, 5  # of rows that a rolling shutter reads at once; of an exposure
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,11 +114,24 @@ class Dive:
         return _FIRST_NS + round(index * 1e9 / self.params.rate_hz)
 
     def pose(self, index: int) -> Pose:
-        """Of the left optical frame at a frame."""
-        return pose_at(self.params, self.seconds(index))
+        """Of the left optical frame at a frame; with a rolling shutter, when its first row is read."""
+        return self.pose_after(self.seconds(index))
+
+    def pose_after(self, seconds: float) -> Pose:
+        """Of the left optical frame, `seconds` after the first frame."""
+        return pose_at(self.params, seconds)
 
     def scene_at(self, index: int) -> Scene:
         """What there is at a frame."""
+        return self.scene_after(self.seconds(index))
+
+    def scene_after(self, seconds: float) -> Scene:
+        """What there is `seconds` after the first frame."""
+        p = self.params
+        return with_fish(self.still_scene(seconds), p.fish, p.seed, self.pose_after(0.0), p.distance_m, seconds)
+
+    def still_scene(self, seconds: float) -> Scene:
+        """The same without fish."""
         return self.scene
 
     def gain(self, index: int) -> float:
@@ -131,13 +147,28 @@ class Dive:
         return self.params.daylight * self.water.daylight
 
     def _see(self, view: _Eye, index: int, step: int = 1) -> tuple[Matrix, FloatImage]:
-        """Ranges and the light that arrives at one camera; every `step`-th pixel."""
-        pose = self.pose(index)
-        directions = np.ascontiguousarray(view.directions[::step, ::step] @ pose.rotation.T)
+        """Ranges and the light that arrives at one camera; every `step`-th pixel, without rows or moments then."""
+        began, p = self.seconds(index), self.params
+        directions = view.directions[::step, ::step]
+        bands = _BANDS if p.readout_ms > 0 and step == 1 else 1
+        moments = _MOMENTS if p.exposure_ms > 0 and step == 1 else 1
+        parts = []
+        for rows in np.array_split(np.arange(len(directions)), bands):
+            read = began + 1e-3 * p.readout_ms * rows[0] / len(directions)
+            times = read + 1e-3 * p.exposure_ms * (np.arange(moments) - (moments - 1) / 2) / moments
+            looks = [self._look(view, float(time), directions[rows], step) for time in times]
+            parts.append((looks[moments // 2][0], np.mean([radiance for _, radiance in looks], axis=0)))
+        ranges, radiance = (np.concatenate(of_all) for of_all in zip(*parts, strict=True))
+        return ranges, self._through_water(view, ranges, radiance.astype(np.float32), index, step)
+
+    def _look(self, view: _Eye, seconds: float, directions: Matrix, step: int) -> tuple[Matrix, Matrix]:
+        """Ranges and the light that leaves the surfaces, at one moment."""
+        pose = self.pose_after(seconds)
+        turned = np.ascontiguousarray(directions @ pose.rotation.T)
         origin = pose.rotation @ view.origin + pose.position
         lamp = lamps.lamp_in_world(self._lamp, pose)
-        ranges, radiance = render(self.scene_at(index), lamp, self._daylight, origin, directions, view.pixel * step)
-        return ranges, self._through_water(view, ranges, radiance.astype(np.float32), index, step)
+        daylight = np.array([*self._daylight, self.params.caustics, seconds])
+        return render(self.scene_after(seconds), lamp, daylight, origin, turned, view.pixel * step)
 
     def _through_water(self, view: _Eye, ranges: Matrix, radiance: FloatImage, index: int, step: int) -> FloatImage:
         reach = ranges.astype(np.float32)
@@ -174,7 +205,10 @@ class Dive:
         rng = np.random.default_rng([self.params.seed, 3, index, view.number])
         p = self.params
         exposure = self._exposure * view.gain * self.gain(index)
-        return ranges, expose(self.smear(light, index), exposure, rng, noise=p.noise, bits=p.bits, mono=p.mono)
+        if p.port_dirt > 0:
+            light = through_port(light, port_pattern(ranges.shape, p.seed, view.number), p.port_dirt)
+        image = expose(self.smear(light, index), exposure, rng, noise=p.noise, bits=p.bits, mono=p.mono)
+        return ranges, recorded(image, p)
 
     def frame(self, index: int) -> SimulatedFrame:
         """Take the pair number `index`, from 0 on. Both cameras are worked on at the same time."""

@@ -9,6 +9,7 @@ from uw_recon_ros.params import Params, param
 SCENES = ("amphora", "pipe", "reef", "plane")
 WATERS = ("clear", "I", "IA", "IB", "II", "III", "1C", "3C", "5C", "7C", "9C")
 
+DEAD_CHANNELS = ("none", "red", "green", "blue")
 TRACKS = ("line", "lawnmower", "orbit", "return")
 BOTTOMS = ("objects", "relief", "flat", "ripples", "tiles")
 
@@ -33,6 +34,12 @@ class SimulateParams(Params):
         42.0, "Angle at which the rig looks down; 90 is straight.", unit="deg", low=15.0, high=90.0
     )
 
+    look_up_deg: float = param(
+        0.0, "The cameras are tilted up by this against the pitch: the upper part of the view is open water.",
+        unit="deg", low=0.0, high=60.0,
+    )  # fmt: skip
+    fish: int = param(0, "Fish that swim before the scene.", low=0, high=50)
+
     width: int = param(640, "Image width.", unit="px", low=16, high=8192)
     height: int = param(480, "Image height.", unit="px", low=16, high=8192)
     fov_deg: float = param(62.0, "Horizontal field of view in water.", unit="deg", low=10.0, high=110.0)
@@ -40,7 +47,8 @@ class SimulateParams(Params):
                       choices=("horizontal", "vertical"))  # fmt: skip
     baseline_m: float = param(0.12, "Distance between the cameras.", unit="m", low=0.005, high=2.0)
     misalignment_deg: float = param(0.7, "Misalignment of the two cameras.", unit="deg", low=0.0, high=5.0)
-    distortion: float = param(0.12, "Barrel distortion of the lenses, -k1.", low=0.0, high=0.3)
+    distortion: float = param(0.12, "Barrel distortion of the lenses, -k1; less than 0 is that of a flat port.",
+                              low=-0.7, high=0.3)  # fmt: skip
     lens_blur_px: float = param(0.5, "Blur of lens and pixel, standard deviation.", unit="px", low=0.0, high=10.0)
     calibrated: bool = param(True, "Whether the bag tells the calibration.")
 
@@ -55,6 +63,16 @@ class SimulateParams(Params):
                                         low=0.0, high=10.0)  # fmt: skip
     snow_per_m3: float = param(250.0, "Drifting particles.", unit="1/m3", low=0.0, high=10_000.0)
 
+    caustics: float = param(0.0, "Net of light that waves make of daylight; 1 is as strong as the light.", low=0.0,
+                            high=1.0)  # fmt: skip
+    port_dirt: float = param(0.0, "Spots and scratches on either port, at the same pixels in all pairs; 1 is opaque.",
+                             low=0.0, high=1.0)  # fmt: skip
+
+    exposure_ms: float = param(0.0, "Time of exposure: what moves in it is smeared.", unit="ms", low=0.0, high=1000.0)
+    readout_ms: float = param(0.0, "Rolling shutter: from the first row to the last; the truth is of the first row.",
+                              unit="ms", low=0.0, high=1000.0)  # fmt: skip
+    dead_channel: str = param("none", "A channel that is 0 everywhere.", choices=DEAD_CHANNELS)
+    letterbox_share: float = param(0.0, "Share of the rows that are black above, and below.", low=0.0, high=0.3)
     noise: float = param(1.0, "Sensor noise; 1 is a small camera at moderate gain.", low=0.0, high=20.0)
     gain_difference: float = param(0.0, "How much brighter the right camera is.", low=-0.9, high=9.0)
     bits: int = param(8, "Of a colour channel: 8 or 16.", low=8, high=16)

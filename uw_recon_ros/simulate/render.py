@@ -15,6 +15,7 @@ from uw_recon_ros.types import Matrix
 Ray = tuple[float, float, float]
 _SHADOW_OFFSET = 5e-4  # m
 _EDGE = 0.02  # relative jump in range that makes an outline
+_LINE, _LINE_MEAN = 6, 0.2406  # sharpness of a caustic's lines, and what they are on average
 _SUB = 3  # rays a side of an outline's pixel
 
 
@@ -33,6 +34,18 @@ def lamp_irradiance(light: Matrix, channel: int, x: float, y: float, z: float) -
     cone = math.exp(-(outside**4))
     arriving: float = light[6] * cone * math.exp(-light[8 + channel] * r) / (r * r)
     return arriving
+
+
+@kernel
+def _caustic(x: float, y: float, seconds: float, strength: float) -> float:
+    """Daylight through waves, 1 on average: bright lines where three of them cross zero together."""
+    waves = (
+        math.sin(18.0 * x + 7.0 * y + 2.1 * seconds)
+        + math.sin(-9.0 * x + 16.0 * y - 1.7 * seconds + 1.0)
+        + math.sin(5.0 * x - 19.0 * y + 2.6 * seconds + 2.0)
+    ) / 3.0
+    line: float = (1.0 - abs(waves)) ** _LINE
+    return 1.0 + strength * (line / _LINE_MEAN - 1.0)
 
 
 @kernel
@@ -61,6 +74,8 @@ def _shade(
         )  # fmt: skip
     lit = _facing_lamp(heights, grid, blocks, objects, light, x, y, z, nx, ny, nz)
     sky = 0.6 + 0.4 * nz
+    if daylight[3] > 0.0:
+        sky *= _caustic(x, y, daylight[4], daylight[3])
     er = daylight[0] * sky + (lit * lamp_irradiance(light, 0, x, y, z) if lit > 0.0 else 0.0)
     eg = daylight[1] * sky + (lit * lamp_irradiance(light, 1, x, y, z) if lit > 0.0 else 0.0)
     eb = daylight[2] * sky + (lit * lamp_irradiance(light, 2, x, y, z) if lit > 0.0 else 0.0)
@@ -162,8 +177,8 @@ def render(
     scene : Scene
     light : (11,) float64
         See `lamp_irradiance`; world coordinates.
-    daylight : (3,) float64
-        Irradiance from above, relative to the lamp's at 1 m.
+    daylight : (5,) float64
+        Irradiance from above, relative to the lamp's at 1 m, red, green, blue; strength of the caustics, and when, s.
     origin : (3,) float64
         World, m.
     directions : (H, W, 3) float64

@@ -120,10 +120,12 @@ def distort(points: Matrix, d: Matrix) -> Matrix:
 
 
 def undistort(points: Matrix, d: Matrix) -> Matrix:
-    """Inverse of `distort`, by iteration to 1e-12."""
+    """Inverse of `distort`, by Newton's method along the radius, to 1e-12."""
     found: Matrix = points.copy()
     for _ in range(100):
-        step = points - distort(found, d)
+        r2 = (found**2).sum(axis=-1, keepdims=True)
+        slope = 1.0 + r2 * (3.0 * d[0] + r2 * (5.0 * d[1] + 7.0 * r2 * d[4]))
+        step = (points - distort(found, d)) / np.maximum(slope, 0.5)
         found += step
         if np.abs(step).max() < 1e-12:
             break
@@ -160,6 +162,11 @@ def project(points: Matrix, camera: CameraModel) -> tuple[Matrix, Matrix]:
     return moved[..., 0] * camera.k[0, 0] + camera.k[0, 2], moved[..., 1] * camera.k[1, 1] + camera.k[1, 2]
 
 
+def looking_up(params: SimulateParams) -> Matrix:
+    """Turn of the optical frame by ``look_up_deg``."""
+    return rotation_about(np.array([math.radians(params.look_up_deg), 0.0, 0.0]))
+
+
 def pose_at(params: SimulateParams, seconds: float) -> Pose:
     """Where the rig is: it passes the scene sideways, in the swell."""
     duration = (params.frames - 1) / params.rate_hz
@@ -172,7 +179,7 @@ def pose_at(params: SimulateParams, seconds: float) -> Pose:
     moving = min(params.speed_m_s / 0.08, 1.0)
     angles_deg = (1.2 * math.sin(swell), 1.6 * math.sin(0.7 * swell + 1.0), 0.8 * math.sin(1.3 * swell))
     sway = rotation_about(moving * np.deg2rad(angles_deg))
-    rotation = level @ sway
+    rotation = level @ looking_up(params) @ sway
     target = np.array([track, 0.0, 0.0])
     bob = moving * np.array([0.0, 0.015 * math.sin(0.8 * swell), 0.02 * math.sin(swell + 0.5)])
     return Pose(rotation, target + bob - params.distance_m * level[:, 2])

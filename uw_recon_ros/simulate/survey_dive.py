@@ -39,13 +39,13 @@ class SurveyDive(Dive):
         self.course = Course(params, course)
         super().__init__(params, make_bottom(self.course))
 
-    def pose(self, index: int) -> Pose:
-        """Of the left optical frame at a frame."""
-        return self.course.pose(self.seconds(index))
+    def pose_after(self, seconds: float) -> Pose:
+        """Of the left optical frame, `seconds` after the first frame."""
+        return self.course.pose(seconds)
 
-    def scene_at(self, index: int) -> Scene:
-        """The scene, things that move where they are by then."""
-        return moved(self.scene, self.course.course.movers, self.seconds(index))
+    def still_scene(self, seconds: float) -> Scene:
+        """The scene, things that crawl where they are by then."""
+        return moved(self.scene, self.course.course.movers, seconds)
 
     def gain(self, index: int) -> float:
         """Exposure of a frame relative to the first."""
