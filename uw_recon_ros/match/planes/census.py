@@ -23,21 +23,24 @@ WIDE: Pattern = np.array([(v, u) for v in range(-4, 5, 2) for u in range(-4, 5, 
 RADIUS = 4  #: of either
 
 
-@kernel
-def _words(gray: NDArray[np.int16], step: int, first: int, last: int, words: Words) -> None:
-    height, width = gray.shape
-    for v in range(first, last):
-        for u in range(width):
-            centre, word = int(gray[v, u]), np.uint64(0)
-            for dv in range(-ROWS, ROWS + 1, 2):
-                y = min(max(v + dv, 0), height - 1)
-                for du in range(-COLUMNS, COLUMNS + 1, 2):
-                    x = min(max(u + du, 0), width - 1)
-                    apart = int(gray[y, x]) - centre
-                    word = (word << np.uint64(1)) | np.uint64(apart > -step)
-                    word = (word << np.uint64(1)) | np.uint64(apart > 0)
-                    word = (word << np.uint64(1)) | np.uint64(apart > step)
-            words[v, u] = word
+@kernel(allocates=False)
+def _words(padded: NDArray[np.int16], step: np.int16, words: Words) -> None:
+    """Of an image that is continued by `ROWS` and `COLUMNS` beyond its borders."""
+    height, width = words.shape
+    for v in range(height):
+        row, centre = words[v], padded[v + ROWS, COLUMNS : COLUMNS + width]
+        row[:] = 0
+        for dv in range(0, 2 * ROWS + 1, 2):
+            for du in range(0, 2 * COLUMNS + 1, 2):
+                _append(centre, padded[v + dv, du : du + width], step, row)
+
+
+@kernel(allocates=False)
+def _append(centre: NDArray[np.int16], other: NDArray[np.int16], step: np.int16, words: Words) -> None:
+    for u in range(words.size):
+        apart = np.int16(other[u] - centre[u])
+        bits = (np.uint64(apart > -step) << np.uint64(2)) | (np.uint64(apart > 0) << np.uint64(1))
+        words[u] = (words[u] << np.uint64(3)) | bits | np.uint64(apart > step)
 
 
 def census_words(gray: NDArray[np.int16], noise: float, first: int, last: int, words: Words) -> None:
@@ -45,4 +48,8 @@ def census_words(gray: NDArray[np.int16], noise: float, first: int, last: int, w
 
     `noise` is that of `gray.gray_pair`.
     """
-    _words(gray, round(CONTRAST * (STEP_CLEAN + noise * (STEP_NOISY - STEP_CLEAN))), first, last, words)
+    step = np.int16(round(CONTRAST * (STEP_CLEAN + noise * (STEP_NOISY - STEP_CLEAN))))
+    above, below = min(first, ROWS), min(gray.shape[0] - last, ROWS)
+    seen = gray[first - above : last + below]
+    padded = np.pad(seen, ((ROWS - above, ROWS - below), (COLUMNS, COLUMNS)), mode="edge")
+    _words(padded, step, words[first:last])

@@ -28,34 +28,49 @@ def fill_costs(
     last: int,
     costs: Volume,
 ) -> None:
-    """Write the costs of rows `first` to `last`.
+    """Write the costs of rows `first` to `last`, averaged over 3x3 pixels; the volume is continued at its border.
 
     `right` and `right_color` run from right to left, so that rising disparities lie side by side in memory. Colours
     are (C, H, W), C = 1 or 3. `costs` is flat: voxel (v, u, d) at ``(v W + u) labels + d - low``.
     """
-    width = left.shape[1]
+    height, width = left.shape
+    n = width * labels
+    rows, sums = np.empty((3, n), np.uint8), np.empty(n, np.int16)
+    for v in range(max(first - 1, 0), first + 1):
+        _row_costs(left[v], right[v], left_color[:, v], right_color[:, v], low, labels, rows[v % 3])
+    for v in range(first, last):
+        above, below = max(v - 1, 0), min(v + 1, height - 1)
+        if below > v:
+            words = left[below], right[below]
+            _row_costs(*words, left_color[:, below], right_color[:, below], low, labels, rows[below % 3])
+        _mean(rows[above % 3], rows[v % 3], rows[below % 3], labels, sums, costs[v * n : (v + 1) * n])
+
+
+@kernel(allocates=False)
+def _row_costs(
+    left: Words, right: Words, left_color: ByteImage, right_color: ByteImage, low: int, labels: int, costs: Volume
+) -> None:
+    width = left.size
     channels = left_color.shape[0]
     weight = np.int16(COLOR_WEIGHT if channels == 3 else 3 * COLOR_WEIGHT)
     cut = np.int16(COLOR_CUT if channels == 3 else COLOR_CUT // 3)
-    for v in range(first, last):
-        for u in range(width):
-            at = (v * width + u) * labels
-            start, stop = max(0, u - low - (width - 1)), min(labels, u - low + 1)
-            voxels = costs[at : at + labels]
-            for k in range(labels):
-                voxels[k] = OUTSIDE
-            if stop <= start:
-                continue
-            n, x = stop - start, width - 1 - u + low + start
-            seen = costs[at + start : at + stop]
-            _census_costs(left[v, u], right[v, x : x + n], seen)
-            if channels == 3:
-                _color_costs(left_color[:, v, u], right_color[:, v, x : x + n], weight, cut, seen)
-            else:
-                _gray_costs(np.int16(left_color[0, v, u]), right_color[0, v, x : x + n], weight, cut, seen)
+    for u in range(width):
+        start, stop = max(0, u - low - (width - 1)), min(labels, u - low + 1)
+        voxels = costs[u * labels : (u + 1) * labels]
+        for k in range(labels):
+            voxels[k] = OUTSIDE
+        if stop <= start:
+            continue
+        n, x = stop - start, width - 1 - u + low + start
+        seen = voxels[start:stop]
+        _census_costs(left[u], right[x : x + n], seen)
+        if channels == 3:
+            _color_costs(left_color[:, u], right_color[:, x : x + n], weight, cut, seen)
+        else:
+            _gray_costs(np.int16(left_color[0, u]), right_color[0, x : x + n], weight, cut, seen)
 
 
-@kernel
+@kernel(allocates=False)
 def _census_costs(word: np.uint64, others: Words, costs: Volume) -> None:
     """Hamming distances; the sum of bits is the form that compilers know for a population count."""
     for k in range(others.size):
@@ -66,7 +81,7 @@ def _census_costs(word: np.uint64, others: Words, costs: Volume) -> None:
         costs[k] = np.uint8(((bits * np.uint64(0x0101010101010101)) >> np.uint64(56)) * np.uint64(CENSUS_WEIGHT))
 
 
-@kernel
+@kernel(allocates=False)
 def _color_costs(pixel: ByteImage, others: ByteImage, weight: np.int16, cut: np.int16, costs: Volume) -> None:
     red, green, blue = np.int16(pixel[0]), np.int16(pixel[1]), np.int16(pixel[2])
     reds, greens, blues = others[0], others[1], others[2]
@@ -77,27 +92,25 @@ def _color_costs(pixel: ByteImage, others: ByteImage, weight: np.int16, cut: np.
         costs[k] = np.uint8(costs[k] + np.uint8(np.int16(min(total, cut) * weight) >> np.int16(6)))
 
 
-@kernel
+@kernel(allocates=False)
 def _gray_costs(pixel: np.int16, others: ByteImage, weight: np.int16, cut: np.int16, costs: Volume) -> None:
     for k in range(costs.size):
         total = np.int16(abs(np.int16(pixel - np.int16(others[k]))))
         costs[k] = np.uint8(costs[k] + np.uint8(np.int16(min(total, cut) * weight) >> np.int16(6)))
 
 
-@kernel
-def smooth_costs(costs: Volume, height: int, width: int, labels: int, first: int, last: int, mean: Volume) -> None:
-    """Write the mean over 3x3 pixels, rows `first` to `last`; the volume is continued at its border."""
-    row = np.empty(width * labels, np.int16)
-    n = width * labels
-    for v in range(first, last):
-        above, here, below = max(v - 1, 0) * n, v * n, min(v + 1, height - 1) * n
-        a, b, c = costs[above : above + n], costs[here : here + n], costs[below : below + n]
-        for i in range(n):
-            row[i] = np.int16(np.int16(a[i]) + np.int16(b[i]) + np.int16(c[i]))
-        for u in range(width):
-            x, z = max(u - 1, 0) * labels, min(u + 1, width - 1) * labels
-            left, centre, right = row[x : x + labels], row[u * labels : (u + 1) * labels], row[z : z + labels]
-            out = mean[here + u * labels : here + (u + 1) * labels]
-            for k in range(labels):
-                total = np.int32(np.int16(left[k] + np.int16(centre[k] + right[k])))
-                out[k] = np.uint8((total * np.int32(7282)) >> np.int32(16))  # a ninth
+@kernel(allocates=False)
+def _mean(
+    above: Volume, here: Volume, below: Volume, labels: int, sums: NDArray[np.int16], mean: Volume
+) -> None:
+    """Write the mean over 3x3 pixels of three rows."""
+    width = here.size // labels
+    for i in range(here.size):
+        sums[i] = np.int16(np.int16(above[i]) + np.int16(here[i]) + np.int16(below[i]))
+    for u in range(width):
+        x, z = max(u - 1, 0) * labels, min(u + 1, width - 1) * labels
+        left, centre, right = sums[x : x + labels], sums[u * labels : (u + 1) * labels], sums[z : z + labels]
+        out = mean[u * labels : (u + 1) * labels]
+        for k in range(labels):
+            total = np.int32(np.int16(left[k] + np.int16(centre[k] + right[k])))
+            out[k] = np.uint8((total * np.int32(7282)) >> np.int32(16))  # a ninth

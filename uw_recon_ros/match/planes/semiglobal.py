@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.jit import kernel
 from uw_recon_ros.match.planes.census import Words, census_words
-from uw_recon_ros.match.planes.cost_volume import Volume, fill_costs, smooth_costs
+from uw_recon_ros.match.planes.cost_volume import Volume, fill_costs
 from uw_recon_ros.match.planes.gray import LEVELS, Gray
 from uw_recon_ros.match.planes.threads import row_bands, run_parallel
 from uw_recon_ros.types import ByteImage, FloatImage
@@ -20,6 +20,36 @@ _UNREACHED = 8000
 
 Sums = NDArray[np.int16]
 Indices = NDArray[np.int16]
+
+
+class Paths(NamedTuple):
+    """What one direction of scanning remembers from row to row.
+
+    Parameters
+    ----------
+    costs : (2, 3, W + 2, labels + 2) int16
+        Of the paths that arrive from the last row, and of those that leave this one; rows take turns.
+    least : (2, 3, W + 2) int16
+        The least of these.
+    along : (2, labels + 2) int16
+        Of the path along the row.
+    best_right, label_right : (W,) int16, int32
+        See `_winners`.
+    """
+
+    costs: Sums
+    least: Sums
+    along: Sums
+    best_right: Sums
+    label_right: NDArray[np.int32]
+
+    @classmethod
+    def begin(cls, width: int, labels: int) -> Paths:
+        """Before the first row."""
+        costs, along = np.zeros((2, 3, width + 2, labels + 2), np.int16), np.zeros((2, labels + 2), np.int16)
+        for edge in (0, labels + 1):
+            costs[..., edge] = along[:, edge] = _UNREACHED
+        return cls(costs, np.zeros((2, 3, width + 2), np.int16), along, np.empty(width, np.int16), np.empty(width, np.int32))
 
 
 class Start(NamedTuple):
@@ -54,40 +84,54 @@ def jump_penalties(gray: Gray) -> NDArray[np.int16]:
     return penalties
 
 
-@kernel
-def aggregate(costs: Volume, penalties: NDArray[np.int16], labels: int, backward: bool, sums: Sums) -> None:
-    """Sum the costs of four paths that arrive from above (backward: from below) into `sums`."""
+@kernel(allocates=False)
+def aggregate(
+    costs: Volume,
+    penalties: NDArray[np.int16],
+    low: int,
+    labels: int,
+    backward: bool,
+    second: bool,
+    paths: Paths,
+    sums: Sums,
+    disparity: FloatImage,
+    right: FloatImage,
+) -> None:
+    """Extend four paths that arrive from above (backward: from below) over one half of the rows.
+
+    The first half's costs are written into `sums`. The second half's are added to what the paths of the other
+    direction have left there, and each row that is complete then names its winners: so the sums are written and read
+    once.
+    """
     height, width = penalties.shape[1], penalties.shape[2]
-    high = np.int16(_UNREACHED)
-    before = np.zeros((3, width + 2, labels + 2), np.int16)
-    now = np.zeros((3, width + 2, labels + 2), np.int16)
-    for paths in (before, now):
-        paths[:, :, 0] = high
-        paths[:, :, labels + 1] = high
-    least_before, least_now = np.zeros((3, width + 2), np.int16), np.zeros((3, width + 2), np.int16)
-    beside, here = np.zeros(labels + 2, np.int16), np.zeros(labels + 2, np.int16)
-    beside[0] = beside[labels + 1] = here[0] = here[labels + 1] = high
-    for i in range(height):
+    half = height - height // 2 if backward else height // 2
+    beside, here = paths.along[0], paths.along[1]
+    for i in range(half if second else 0, height if second else half):
         v = height - 1 - i if backward else i
+        before, now = paths.costs[i & 1], paths.costs[1 - (i & 1)]
+        least_before, least_now = paths.least[i & 1], paths.least[1 - (i & 1)]
         beside[1 : labels + 1] = 0
-        least = np.int16(0)
+        below_beside = np.int16(0)
         for j in range(width):
             u = width - 1 - j if backward else j
             at = (v * width + u) * labels
             voxels, total = costs[at : at + labels], sums[at : at + labels]
-            for k in range(labels):
-                total[k] = 0
-            least = _extend(voxels, beside, least, np.int16(penalties[0, v, u] + least), here, total)
+            if not second:
+                for k in range(labels):
+                    total[k] = 0
+            jump = np.int16(penalties[0, v, u] + below_beside)
+            below_beside = _extend(voxels, beside, below_beside, jump, here, total)
             beside, here = here, beside
             for p in range(3):
                 below = least_before[p, j + p]
                 jump = np.int16(penalties[1 + p, v, u] + below)
                 least_now[p, j + 1] = _extend(voxels, before[p, j + p], below, jump, now[p, j + 1], total)
-        before, now = now, before
-        least_before, least_now = least_now, least_before
+        if second:
+            row = sums[v * width * labels : (v + 1) * width * labels]
+            _winners(row, low, labels, paths.best_right, paths.label_right, disparity[v], right[v])
 
 
-@kernel
+@kernel(allocates=False)
 def _extend(costs: Volume, before: Sums, below: np.int16, jump: np.int16, now: Sums, total: Sums) -> np.int16:
     """Path costs of one pixel from those of its predecessor, whose least is `below`; returns their least."""
     least: np.int16 = np.int16(_UNREACHED)
@@ -102,44 +146,52 @@ def _extend(costs: Volume, before: Sums, below: np.int16, jump: np.int16, now: S
     return least
 
 
-@kernel
-def winner_takes_all(
-    down: Sums,
-    up: Sums,
+@kernel(allocates=False)
+def _winners(
+    sums: Sums,
     low: int,
     labels: int,
-    first: int,
-    last: int,
+    best_right: Sums,
+    label_right: NDArray[np.int32],
     disparity: FloatImage,
     right: FloatImage,
 ) -> None:
-    """Take the best label of every pixel of either view, rows `first` to `last`. Overwrites `down`."""
-    width = disparity.shape[1]
-    best_right = np.empty(width, np.int16)
-    for v in range(first, last):
-        best_right[:] = 32767
-        right[v, :] = np.nan
-        for u in range(width):
-            at = (v * width + u) * labels
-            sums, more = down[at : at + labels], up[at : at + labels]
-            least = np.int16(32767)
-            for k in range(labels):
-                sums[k] = np.int16(sums[k] + more[k])
-                least = min(least, sums[k])
-            best = 0
-            while sums[best] != least:
-                best += 1
-            for k in range(max(0, u - low - width + 1), min(labels, u - low + 1)):
-                if sums[k] < best_right[u - low - k]:
-                    best_right[u - low - k] = sums[k]
-                    right[v, u - low - k] = np.float32(low + k)
-            offset = np.float32(0)
-            if 0 < best < labels - 1:
-                before, after = np.float32(sums[best - 1] - least), np.float32(sums[best + 1] - least)
-                rise = before + after
-                if rise > 0:
-                    offset = np.float32(0.5) * (before - after) / rise
-            disparity[v, u] = np.float32(low + best) + offset
+    """Take the best label of every pixel of a row of either view; of labels as good the first.
+
+    `best_right` and `label_right` run from right to left, so that rising disparities lie side by side in memory.
+    """
+    width = disparity.size
+    best_right[:] = 32767
+    for u in range(width):
+        costs = sums[u * labels : (u + 1) * labels]
+        least = np.int16(32767)
+        for k in range(labels):
+            least = min(least, costs[k])
+        best = np.int32(labels)
+        for k in range(labels):
+            best = min(best, np.int32(k) if costs[k] == least else np.int32(labels))
+        start, stop = max(0, u - low - width + 1), min(labels, u - low + 1)
+        if stop > start:
+            x, n = width - 1 - u + low + start, stop - start
+            _better(costs[start:stop], start, best_right[x : x + n], label_right[x : x + n])
+        offset = np.float32(0)
+        if 0 < best < labels - 1:
+            before, after = np.float32(costs[best - 1] - least), np.float32(costs[best + 1] - least)
+            rise = before + after
+            if rise > 0:
+                offset = np.float32(0.5) * (before - after) / rise
+        disparity[u] = np.float32(low + best) + offset
+    for u in range(width):
+        x = width - 1 - u
+        right[u] = np.float32(low + label_right[x]) if best_right[x] < 32767 else np.float32(np.nan)
+
+
+@kernel(allocates=False)
+def _better(costs: Sums, first: int, best: Sums, label: NDArray[np.int32]) -> None:
+    """Take what costs less than the best so far."""
+    for k in range(costs.size):
+        label[k] = np.int32(first + k) if costs[k] < best[k] else label[k]
+        best[k] = min(costs[k], best[k])
 
 
 def _volume(
@@ -148,11 +200,9 @@ def _volume(
     """Costs of all matches, averaged over 3x3 pixels."""
     height, width = words.shape[1:]
     mirrored, mirrored_color = np.ascontiguousarray(words[1, :, ::-1]), np.ascontiguousarray(right[:, :, ::-1])
-    raw = np.empty(height * width * labels, np.uint8)
-    run_parallel(lambda b: fill_costs(words[0], mirrored, left, mirrored_color, low, labels, *b, raw), parts, threads)
-    mean = np.empty_like(raw)
-    run_parallel(lambda b: smooth_costs(raw, height, width, labels, *b, mean), parts, threads)
-    return mean
+    costs = np.empty(height * width * labels, np.uint8)
+    run_parallel(lambda b: fill_costs(words[0], mirrored, left, mirrored_color, low, labels, *b, costs), parts, threads)
+    return costs
 
 
 def semiglobal_start(
@@ -180,8 +230,13 @@ def semiglobal_start(
     run_parallel(lambda j: census_words(grays[j[0]], noise, *j[1], words[j[0]]), jobs, threads)
     costs = _volume(words, left, right, low, labels, parts, threads)
     penalties = jump_penalties(gray_left)
-    sums = np.empty((2, costs.size), np.int16)
-    run_parallel(lambda i: aggregate(costs, penalties[i], labels, i == 1, sums[i]), (0, 1), min(threads, 2))
+    sums = np.empty(costs.size, np.int16)
+    paths = Paths.begin(width, labels), Paths.begin(width, labels)
     start = Start(*(np.empty((height, width), np.float32) for _ in range(2)))
-    run_parallel(lambda b: winner_takes_all(sums[0], sums[1], low, labels, *b, *start), parts, threads)
+
+    def scan(backward: int, second: bool) -> None:
+        aggregate(costs, penalties[backward], low, labels, backward == 1, second, paths[backward], sums, *start)
+
+    for second in (False, True):
+        run_parallel(lambda backward: scan(backward, second), (0, 1), min(threads, 2))
     return start
