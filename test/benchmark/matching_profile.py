@@ -25,20 +25,19 @@ from drowned_pairs import pairs
 from numpy.typing import NDArray
 from simulated_frames import rectified_frames
 
-from uw_recon_ros.match.planes import certainty, expansion, matcher, refinement, semiglobal
+from uw_recon_ros.match.planes import certainty, expansion, matcher, refinement, semiglobal, start
 
 ROOT = Path(__file__).parents[2]
 Scene = tuple[NDArray[np.uint8], NDArray[np.uint8], int, int]
 SHARED = "shared by threads"
 #: Steps, by the module that calls them; indented: parts of the one above.
 STEPS: tuple[tuple[str, Any, str], ...] = (
-    ("gray images", matcher._Image, "pair"),
-    ("start", matcher, "_start"),
+    ("gray images", start.View, "pair"),
+    ("start", start, "_start"),
     ("  census words", semiglobal, "census_words"),
     ("  cost volume", semiglobal, "_volume"),
     ("  aggregation", semiglobal, "aggregate"),
-    ("  winner_takes_all", semiglobal, "winner_takes_all"),
-    ("  left/right check", matcher, "_compare"),
+    ("  left/right check", start, "_compare"),
     ("blank regions", matcher, "untextured_mask"),
     ("view: samples, arms", matcher, "_view"),
     ("edge weights", matcher, "edge_weights"),
@@ -119,8 +118,8 @@ def profile(scene: Scene, effort: str) -> tuple[float, Clock]:
     left, right, low, high = scene
     small = left[:64, :96].copy(), right[:64, :96].copy()
     clock, inside = Clock(), Clock()
-    modules = (matcher, semiglobal, refinement, certainty)
-    shared = tuple((SHARED, module, "share") for module in modules)
+    modules = (matcher, semiglobal, refinement, certainty, start)
+    shared = tuple((SHARED, module, "run_parallel") for module in modules)
     matcher.graph_cut(*small, 0, 7, effort=effort)  # compiles
     started = time.process_time()
     with clock.on((*STEPS, *shared)):

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from uw_recon_ros.match.methods import EFFORTS
-from uw_recon_ros.match.planes import matcher as module
+from uw_recon_ros.match.planes import start as module
 from uw_recon_ros.match.planes.matcher import GraphCutResult, graph_cut
 from uw_recon_ros.types import Status
 
@@ -198,7 +198,7 @@ def test_volume_that_does_not_fit_starts_smaller(
 ) -> None:
     truth = plane(height, width, 0.025, 0.015, 6.0)
     left, right = pair_of(truth)
-    monkeypatch.setattr(module, "MOST_BYTES", 5.0 * height * width * 24 / part)  # halves, quarters
+    monkeypatch.setattr(module, "MOST_BYTES", module.VOXEL_BYTES * height * width * 24 / part)  # halves, quarters
     result = graph_cut(left, right, 0, 24)
     seen = np.indices(truth.shape)[1] >= truth + 1
     assert np.nanmedian(np.abs(result.disparity - truth)[seen]) < 0.15

@@ -52,7 +52,7 @@ def matched(left: Image, right: Image, **choice: object) -> DisparityMap:
 def test_a_known_field_is_found_and_taken_out(name: str) -> None:
     left, right = pair_of(TRUTH)
     low = lowered(right, FIELDS[name])
-    mended, offset = mend_rows(left, low, *LIMITS, 1)
+    mended, offset, _ = mend_rows(left, low, *LIMITS, 1)
     assert offset.mended
     truth = np.abs(FIELDS[name](2 * U / (W - 1) - 1, 2 * V / (H - 1) - 1))
     assert offset.median_px == pytest.approx(np.median(truth), abs=0.15)
@@ -72,7 +72,7 @@ def test_matching_hardly_suffers(effort: str) -> None:
 
 def test_rows_that_agree_are_left_as_they_are() -> None:
     left, right = pair_of(TRUTH)
-    mended, offset = mend_rows(left, right, *LIMITS, 1)
+    mended, offset, _ = mend_rows(left, right, *LIMITS, 1)
     assert mended is right
     assert not offset.mended
     assert offset.median_px < 0.1
@@ -81,7 +81,7 @@ def test_rows_that_agree_are_left_as_they_are() -> None:
 
 def test_what_shows_too_little_is_not_judged() -> None:
     blank = np.full((H, W, 3), 90, np.uint8)
-    mended, offset = mend_rows(blank, blank, *LIMITS, 1)
+    mended, offset, _ = mend_rows(blank, blank, *LIMITS, 1)
     assert mended is blank
     assert np.isnan(offset.median_px)
     assert "not measured" in str(offset)
@@ -96,8 +96,8 @@ def test_the_number_of_threads_changes_no_bit() -> None:
     left, right = pair_of(TRUTH)
     low = lowered(right, FIELDS["bent"])
     one, three = (mend_rows(left, low, *LIMITS, threads) for threads in (1, 3))
-    assert one[0].tobytes() == three[0].tobytes()
-    assert one[1] == three[1]
+    assert one.right.tobytes() == three.right.tobytes()
+    assert one.offset == three.offset
 
 
 @pytest.mark.parametrize("axis", ["horizontal", "vertical"])

@@ -1,25 +1,27 @@
 """Rows that are still off: measured on the pair itself, as a smooth field, and taken out of the right view.
 
 A port, a knock or an estimated geometry leaves rows a pixel or two apart, different over the image; every method of
-matching breaks down on that. So points are matched at half size, row on row, which stands twice the error, and then
-followed at full size in both directions (Lucas and Kanade, 1981). Their row offsets are noisy and some are wrong: a
-polynomial in the right view's coordinates is fitted to them by least magnitudes. Where rows agree, nothing is touched.
+matching breaks down on that. But where the semi-global start is right, it says where a corner of the left view lies in
+the right one but for its row, and from there it is followed in both directions (Lucas and Kanade, 1981). Their row
+offsets are noisy and some are wrong: a polynomial in the right view's coordinates is fitted to them by least
+magnitudes. Where rows agree, nothing is touched, and the start is handed on.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_recon_ros.match.planes.matcher import graph_cut
+from uw_recon_ros.match.planes.start import Beginning, begin
 from uw_recon_ros.types import ByteImage, FloatImage, RowOffset
 
 POINTS, APART, QUALITY = 600, 7, 0.003  #: corners looked for: number, distance px, part of the best one's strength
-HALF = 2  #: by this factor are images smaller whose disparities say where to look
+HALF, LOST = 2, 0.3  #: images smaller by this factor say where to look, where the start put less than this part right
 PATCH, LEVELS = 15, 1  #: of the following: side, px, and halvings
 BACK_PX = 0.3  #: a point followed there and back must arrive this near
 FARTHEST_PX = 8.0  #: greatest row offset that is looked for
@@ -27,10 +29,10 @@ LEVEL_WINDOW = 31  #: px; slower changes of brightness are taken out
 FEWEST = 40  #: points that a field is fitted to
 LEAST_PX = 0.25  #: a field smaller than this on nine tenths of the points is none
 ROUNDS, ONCE_PX = 2, 0.7  #: from where on what is mended is measured once more: where rows are far off, points are few
-EXPLAINED = 0.8  #: what a field leaves of the points' offsets, at most
+EXPLAINED, SURE = 0.8, 0.5  #: what a field leaves of the points' offsets, at most; less where fewer corners were found
 _ITERATIONS, _SMALLEST_PX, _RIDGE = 15, 0.02, 1e-3
 
-Points = NDArray[np.float64]
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +47,7 @@ class RowField:
         Of the image, px.
     """
 
-    coefficients: Points
+    coefficients: Floats
     width: int
     height: int
 
@@ -57,7 +59,7 @@ class RowField:
     def __add__(self, other: RowField) -> RowField:
         return replace(self, coefficients=self.coefficients + other.coefficients)
 
-    def at(self, u: Points, v: Points) -> Points:
+    def at(self, u: Floats, v: Floats) -> Floats:
         """Offset at pixels of the right view, px."""
         return np.asarray(_terms(u, v, self.width, self.height) @ self.coefficients)
 
@@ -71,7 +73,33 @@ class RowField:
         return np.asarray(moved, np.uint8)
 
 
-def mend_rows(left: ByteImage, right: ByteImage, low: int, high: int, threads: int) -> tuple[ByteImage, RowOffset]:
+class Mended(NamedTuple):
+    """A right view with its rows as those of the left.
+
+    Parameters
+    ----------
+    right : as it came
+        The same array where the rows agree, or where too little tells.
+    offset : RowOffset
+    start : Beginning or None
+        Of this right view, where it was made.
+    """
+
+    right: ByteImage
+    offset: RowOffset
+    start: Beginning | None
+
+
+class _Points(NamedTuple):
+    """Pixels (u, v) of the right view, and how far below the left view's row they lie; and how many were tried."""
+
+    u: Floats
+    v: Floats
+    offsets: Floats
+    tried: int
+
+
+def mend_rows(left: ByteImage, right: ByteImage, low: int, high: int, threads: int) -> Mended:
     """The right view with its rows as those of the left, as far as the pair shows it.
 
     Parameters
@@ -82,36 +110,43 @@ def mend_rows(left: ByteImage, right: ByteImage, low: int, high: int, threads: i
         Limits of the disparity, inclusive, px.
     threads : int
         The result does not depend on it.
-
-    Returns
-    -------
-    right : as it came
-        The same array where the rows agree, or where too little tells.
-    offset : RowOffset
     """
     field, mended, offset = RowField.none(left.shape[1], left.shape[0]), right, RowOffset()
+    even, start = _even(left), None
+    corners = _corners(even)
     for _ in range(ROUNDS):
-        u, v, offsets = _measured(_even(left), _even(mended), low, high, threads)
-        if len(offsets) < FEWEST:
-            return mended, replace(offset, points=len(offsets))
-        more = _fitted(u, v, offsets, field.width, field.height)
-        explained = _explains(more.at(u, v), offsets)
+        start = begin(left, mended, low, high, threads)
+        seen = _measured(corners, start, even, _even(mended))
+        if len(seen.offsets) < LOST * len(corners):
+            half = _half_size(left, mended, low, high, threads)
+            seen = max(seen, _measured(corners, half, even, _even(mended)), key=lambda s: len(s.offsets))
+        if len(seen.offsets) < FEWEST:
+            offset = replace(offset, points=len(seen.offsets))
+            break
+        more = _fitted(seen, field.width, field.height)
+        explained = _explains(more.at(seen.u, seen.v), seen)
         if explained or mended is right:
             field = field + more
-            median, most = (float(np.quantile(np.abs(field.at(u, v)), q)) for q in (0.5, 0.9))
-            offset = RowOffset(median, most, len(offsets), explained)
+            offset = _told(field, seen)
         if not explained:
             break
-        mended = field.mended(right)
+        mended, start = field.mended(right), None
         if offset.median_px < ONCE_PX:
             break
-    return mended, replace(offset, mended=mended is not right)
+    return Mended(mended, replace(offset, mended=mended is not right), start)
 
 
-def _explains(fitted: Points, offsets: Points) -> bool:
+def _told(field: RowField, seen: _Points) -> RowOffset:
+    """Of a field at the points it was fitted to."""
+    median, most = (float(np.quantile(np.abs(field.at(seen.u, seen.v)), q)) for q in (0.5, 0.9))
+    return RowOffset(median, most, len(seen.offsets))
+
+
+def _explains(fitted: Floats, seen: _Points) -> bool:
     """Whether a field is worth bending an image for."""
-    left_over, before = (float(np.median(np.abs(x))) for x in (offsets - fitted, offsets))
-    return float(np.quantile(np.abs(fitted), 0.9)) >= LEAST_PX and left_over <= EXPLAINED * before
+    left_over, before = (float(np.median(np.abs(x))) for x in (seen.offsets - fitted, seen.offsets))
+    most = EXPLAINED * min(1.0, len(seen.offsets) / (SURE * seen.tried))
+    return float(np.quantile(np.abs(fitted), 0.9)) >= LEAST_PX and left_over <= most * before
 
 
 def _even(image: ByteImage) -> ByteImage:
@@ -121,34 +156,36 @@ def _even(image: ByteImage) -> ByteImage:
     return np.asarray((128 + 32 * fine / max(float(fine.std()), 1.0)).clip(0, 255), np.uint8)
 
 
-def _measured(left: ByteImage, right: ByteImage, low: int, high: int, threads: int) -> tuple[Points, Points, Points]:
-    """Pixels of the right view, and how far below the left view's row they lie."""
-    none = np.empty(0)
-    corners = cv2.goodFeaturesToTrack(left, POINTS, QUALITY, APART)
-    if corners is None or min(left.shape) < 2 * PATCH * HALF:
-        return none, none, none
-    here = np.asarray(corners, np.float32).reshape(-1, 2)
-    start = _start(left, right, low, high, threads)[tuple(np.round(here[:, ::-1]).astype(np.intp).T)]
-    here, start = here[np.isfinite(start)], start[np.isfinite(start)]
+def _corners(even: ByteImage) -> FloatImage:
+    """(N, 2) pixels worth following."""
+    if min(even.shape) < 2 * PATCH * HALF:
+        return np.empty((0, 2), np.float32)
+    corners = cv2.goodFeaturesToTrack(even, POINTS, QUALITY, APART)
+    return np.empty((0, 2), np.float32) if corners is None else np.asarray(corners, np.float32).reshape(-1, 2)
+
+
+def _measured(corners: FloatImage, found: Beginning, left: ByteImage, right: ByteImage) -> _Points:
+    """Follow corners from where a start puts them, there and back."""
+    scale = left.shape[1] / found.status.shape[1]
+    at = tuple((corners[:, ::-1] / scale).round().astype(np.intp).clip(0, np.array(found.status.shape) - 1).T)
+    usable = found.usable[at]
+    here, start = corners[usable], found.disparity[at][usable] * np.float32(scale)
     if not len(here):
-        return none, none, none
+        none = np.empty(0)
+        return _Points(none, none, none, len(corners))
     there, first = _followed(left, right, here, here - np.outer(start, [1, 0]).astype(np.float32))
     back, second = _followed(right, left, there, here)
     kept = first & second & (np.abs(back - here).max(axis=1) < BACK_PX)
     kept &= (np.abs(there[:, 1] - here[:, 1]) < FARTHEST_PX) & (np.abs(here[:, 0] - there[:, 0] - start) < FARTHEST_PX)
     u, v = there[kept].T.astype(np.float64)
-    return u, here[kept, 1].astype(np.float64), v - here[kept, 1]
+    return _Points(u, here[kept, 1].astype(np.float64), v - here[kept, 1], len(corners))
 
 
-def _start(left: ByteImage, right: ByteImage, low: int, high: int, threads: int) -> FloatImage:
-    """Disparities found at half size, px; NaN = none."""
-    height, width = left.shape
-    small = (max(width // HALF, 1), max(height // HALF, 1))
+def _half_size(left: ByteImage, right: ByteImage, low: int, high: int, threads: int) -> Beginning:
+    """A start at half size, which stands twice the error of rows."""
+    small = (max(left.shape[1] // HALF, 1), max(left.shape[0] // HALF, 1))
     views = [np.asarray(cv2.resize(image, small, interpolation=cv2.INTER_AREA), np.uint8) for image in (left, right)]
-    least, greatest = math.floor(low / HALF), math.ceil(high / HALF)
-    half = graph_cut(views[0], views[1], least, greatest, effort="navigation", threads=threads).disparity
-    found = half * np.float32(HALF)
-    return np.asarray(cv2.resize(found, (width, height), interpolation=cv2.INTER_NEAREST), np.float32)
+    return begin(views[0], views[1], math.floor(low / HALF), math.ceil(high / HALF), threads)
 
 
 def _followed(
@@ -161,16 +198,16 @@ def _followed(
     return np.asarray(found, np.float32).reshape(-1, 2), np.asarray(status).ravel() == 1
 
 
-def _terms(u: Points, v: Points, width: int, height: int) -> Points:
+def _terms(u: Floats, v: Floats, width: int, height: int) -> Floats:
     """A polynomial of the third degree, about the middle of the image."""
     x, y = 2 * u / max(width - 1, 1) - 1, 2 * v / max(height - 1, 1) - 1
     return np.column_stack([x**i * y**j for i in range(4) for j in range(4 - i)])
 
 
-def _fitted(u: Points, v: Points, offsets: Points, width: int, height: int) -> RowField:
+def _fitted(seen: _Points, width: int, height: int) -> RowField:
     """Of least magnitudes; higher terms are held back by a ridge, for they know nothing beyond the points."""
-    terms = _terms(u, v, width, height)
-    ridge = _RIDGE * len(u) * np.eye(terms.shape[1])
+    offsets, terms = seen.offsets, _terms(seen.u, seen.v, width, height)
+    ridge = _RIDGE * len(offsets) * np.eye(terms.shape[1])
     ridge[0, 0] = 0
     residual = offsets - np.median(offsets)
     for _ in range(_ITERATIONS):

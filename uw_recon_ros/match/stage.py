@@ -18,7 +18,8 @@ from uw_recon_ros.match.methods import EFFORTS, METHODS
 from uw_recon_ros.match.planes.confidence import confidence_of
 from uw_recon_ros.match.planes.matcher import graph_cut
 from uw_recon_ros.match.planes.motion import FrameBefore
-from uw_recon_ros.match.rows import mend_rows
+from uw_recon_ros.match.planes.start import Beginning
+from uw_recon_ros.match.rows import Mended, mend_rows
 from uw_recon_ros.match.status import explain
 from uw_recon_ros.match.window import paste, window_to_match
 from uw_recon_ros.params import Params, param
@@ -187,8 +188,8 @@ class Match:
         shape = pair.left.shape[:2]
         left, right = (_along_rows(image[window.slices], vertical) for image in _scenes(pair))
         low, high = self._limits(left, right)
-        right, rows = self._mended(left, right, low, high)
-        result = self._solve(left, right, low, high, before)
+        mended = self._mended(left, right, low, high)
+        result = self._solve(left, mended.right, low, high, before, mended.start)
         nan = np.float32(np.nan)
         disparity, *trust = (
             paste(_as_seen(found, vertical), window, shape, nan)
@@ -202,13 +203,13 @@ class Match:
         disparity, sigma, confidence = (np.where(valid, values, nan) for values in (disparity, *trust))
         method, energy = self.params.method, result.energy
         return Matches(
-            disparity, sigma, status, low, high, method, energy, confidence=confidence, rows=rows
+            disparity, sigma, status, low, high, method, energy, confidence=confidence, rows=mended.offset
         ), result.frame
 
-    def _mended(self, left: ByteImage, right: ByteImage, low: int, high: int) -> tuple[ByteImage, RowOffset]:
+    def _mended(self, left: ByteImage, right: ByteImage, low: int, high: int) -> Mended:
         """The right view with its rows as those of the left; kz2 takes images as they are."""
         if not self.params.mend_rows or self.params.method == "kz2":
-            return right, RowOffset()
+            return Mended(right, RowOffset(), None)
         return mend_rows(left, right, low, high, self._threads)
 
     @property
@@ -227,7 +228,13 @@ class Match:
         return (low, high) if low < high else find_disparity_range(_gray(left), _gray(right))
 
     def _solve(
-        self, left: ByteImage, right: ByteImage, low: int, high: int, before: FrameBefore | None = None
+        self,
+        left: ByteImage,
+        right: ByteImage,
+        low: int,
+        high: int,
+        before: FrameBefore | None = None,
+        start: Beginning | None = None,
     ) -> _Solution:
         threads = self._threads
         if self.params.method == "kz2":
@@ -235,7 +242,9 @@ class Match:
         if before is not None and before.gray.shape != left.shape[:2]:
             before = None
         seed, effort = self.params.match_seed, self.params.effort
-        result = graph_cut(left, right, low, high, effort=effort, seed=seed, threads=threads, before=before)
+        result = graph_cut(
+            left, right, low, high, effort=effort, seed=seed, threads=threads, before=before, start=start
+        )
         trust = result.sigma, result.confidence
         return _Solution(result.disparity, *trust, result.status, result.energy, result.frame)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_recon_ros.evaluate import fill_rows
+from uw_recon_ros.match.planes.left_right_check import fill_rows
 from uw_recon_ros.types import ByteImage, FloatImage, Mask, MatchingPair, Status, Window
 from uw_recon_ros.unseen import unseen
 
@@ -33,7 +33,9 @@ def explain(disparity: FloatImage, min_disparity: int, max_disparity: int, pair:
     vertical = pair.axis == "vertical"
     status = np.zeros(disparity.shape, np.uint8)
     unmatched = ~np.isfinite(disparity)
-    expected = fill_rows(disparity.T).T if vertical else fill_rows(disparity)
+    along = np.array(disparity.T if vertical else disparity, np.float32, order="C")
+    fill_rows(along)
+    expected = along.T if vertical else along
     expected = np.clip(np.where(np.isfinite(expected), expected, min_disparity), min_disparity, max_disparity)
     hidden = unseen(pair.right)
     outside = ~_partner_seen(np.where(unmatched, expected, disparity), vertical, pair.valid_right, hidden)
@@ -52,7 +54,7 @@ def _partner_seen(
 ) -> NDArray[np.bool_]:
     """Whether the partner lies in the right view's valid window, and not where that shows nothing."""
     height, width = disparity.shape
-    v, u = np.indices((height, width))
+    v, u = np.ogrid[:height, :width]
     partner_v, partner_u = (v - disparity, u) if vertical else (v, u - disparity)
     seen = window or Window(0, 0, width, height)
     inside = (

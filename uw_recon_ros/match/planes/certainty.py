@@ -135,7 +135,7 @@ def with_disagreement(sigma: FloatImage, disparity: FloatImage, start: FloatImag
     return np.asarray(np.sqrt(variance + np.maximum(squared - EXPECTED**2 * variance, 0)), np.float32)
 
 
-@kernel
+@kernel(allocates=False)
 def _compare_views(
     left: Gray, right: Gray, disparity: FloatImage, status: ByteImage, first: int, last: int, parts: NDArray[np.float32]
 ) -> None:
@@ -166,7 +166,7 @@ def _compare_views(
             parts[v, u, 4] = bend * bend
 
 
-@kernel
+@kernel(allocates=False)
 def _combine(
     mean: NDArray[np.float32], factor: float, coarse: float, least: float, first: int, last: int, sigma: FloatImage
 ) -> None:

@@ -100,9 +100,7 @@ def _gray_costs(pixel: np.int16, others: ByteImage, weight: np.int16, cut: np.in
 
 
 @kernel(allocates=False)
-def _mean(
-    above: Volume, here: Volume, below: Volume, labels: int, sums: NDArray[np.int16], mean: Volume
-) -> None:
+def _mean(above: Volume, here: Volume, below: Volume, labels: int, sums: NDArray[np.int16], mean: Volume) -> None:
     """Write the mean over 3x3 pixels of three rows."""
     width = here.size // labels
     for i in range(here.size):

@@ -86,15 +86,16 @@ def remove_small_segments(disparity: FloatImage, status: ByteImage) -> None:
 def fill_background(disparity: FloatImage) -> FloatImage:
     """Give pixels without a disparity the smaller of their nearest neighbours on the row, else the median of all."""
     filled = np.asarray(disparity.copy())
-    _fill_rows(filled)
+    fill_rows(filled)
     known = np.isfinite(filled)
     if not known.all():
         filled[~known] = np.median(filled[known]) if known.any() else 0
     return filled
 
 
-@kernel
-def _fill_rows(disparity: FloatImage) -> None:
+@kernel(allocates=False)
+def fill_rows(disparity: FloatImage) -> None:
+    """Give pixels without a disparity the smaller of their nearest neighbours on the row; rows without any keep NaN."""
     height, width = disparity.shape
     for v in range(height):
         u = 0

@@ -5,7 +5,6 @@ Why it is built so, and what it was measured against, is told in the documentati
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import cv2
@@ -28,24 +27,21 @@ from uw_recon_ros.match.planes.data_cost import (
     extend_borders,
 )
 from uw_recon_ros.match.planes.expansion import Labelling, energy
-from uw_recon_ros.match.planes.gray import MOST, Gray, gray_pair
+from uw_recon_ros.match.planes.gray import MOST, Gray
 from uw_recon_ros.match.planes.left_right_check import (
     enforce_uniqueness,
     fill_background,
-    left_right_check,
     remove_small_segments,
 )
 from uw_recon_ros.match.planes.motion import FrameBefore, move_planes
 from uw_recon_ros.match.planes.open_water import Water, open_water
 from uw_recon_ros.match.planes.proposals import BEFORE, FIT, NEAR, OWN, POINTS, SHAKEN, Sources
 from uw_recon_ros.match.planes.refinement import Pass, disparity_of, refine
-from uw_recon_ros.match.planes.semiglobal import semiglobal_start
+from uw_recon_ros.match.planes.start import Beginning, View, begin
 from uw_recon_ros.match.planes.texture import untextured_mask
 from uw_recon_ros.match.planes.threads import row_bands, run_parallel
 from uw_recon_ros.match.planes.unfounded import unfounded
 from uw_recon_ros.types import ByteImage, FloatImage, Mask, Status
-
-VOXEL_BYTES, MOST_BYTES = 5, 1.0e9  #: of the start's cost volume, and what it may take before images are made smaller
 
 
 @dataclass(frozen=True)
@@ -123,6 +119,7 @@ def graph_cut(
     seed: int = 0,
     threads: int = 1,
     before: FrameBefore | None = None,
+    start: Beginning | None = None,
 ) -> GraphCutResult:
     """Match a rectified pair.
 
@@ -139,6 +136,8 @@ def graph_cut(
         The result does not depend on it.
     before : FrameBefore, optional
         Of a frame of the same size shortly before: fewer planes are tried then.
+    start : Beginning, optional
+        Of these very images and limits, where it was made already.
 
     Raises
     ------
@@ -146,19 +145,20 @@ def graph_cut(
         Shapes differ, limits are exchanged, or the effort is unknown.
     """
     _require(left, right, min_disparity, max_disparity, effort)
-    images = _Image.pair(left, right, threads)
     limits = (min_disparity, max_disparity)
-    start, status = _start(images, limits, threads)
+    if start is None:
+        start = begin(left, right, *limits, threads)
+    images, seen, usable, status = start.images, start.disparity, start.usable, start.status.copy()
     shown = images[0].pixels, images[1].pixels
-    water = open_water(*shown, start, status == 0)
+    water = open_water(*shown, seen, usable)
     blank = untextured_mask(*shown) | water.shown
     schedule = SCHEDULES[effort]
-    usable, gray = status == 0, images[0].as_bytes()
     if not schedule.passes:
         _leave_out(blank, status)
-        return _result(start, (start, usable), images, status, water, limits, float("nan"), effort, threads)
-    moved = None if before is None else move_planes(before, gray, start, usable)
-    state = _planes(*images, start, usable, blank, moved, limits, schedule, seed, threads)
+        return _result(seen, start, status, water, limits, float("nan"), effort, threads)
+    gray = images[0].as_bytes()
+    moved = None if before is None else move_planes(before, gray, seen, usable)
+    state = _planes(*images, seen, usable, blank, moved, limits, schedule, seed, threads)
     disparity = np.clip(disparity_of(state.planes), *limits)
     run_parallel(
         lambda b: enforce_uniqueness(disparity, state.costs, *b, status), row_bands(status.shape[0], threads), threads
@@ -166,7 +166,7 @@ def graph_cut(
     _leave_out(blank, status)
     remove_small_segments(disparity, status)
     value = sum(energy(state)) / schedule.units
-    result = _result(disparity, (start, usable), images, status, water, limits, value, effort, threads)
+    result = _result(disparity, start, status, water, limits, value, effort, threads)
     return replace(result, frame=FrameBefore(gray, state.planes))
 
 
@@ -180,84 +180,14 @@ def _require(left: ByteImage, right: ByteImage, low: int, high: int, effort: str
         raise ValueError(f"effort: expected one of {', '.join(EFFORTS)}, got {effort!r}")
 
 
-def _start(images: tuple[_Image, _Image], limits: tuple[int, int], threads: int) -> tuple[FloatImage, ByteImage]:
-    """The semi-global start and its status; of smaller images where the cost volume would not fit."""
-    height, width = images[0].gray.shape
-    shrink = 1
-    while VOXEL_BYTES * height * width * (limits[1] - limits[0] + 1) / shrink**3 > MOST_BYTES:
-        shrink *= 2
-    left, right = images
-    if shrink > 1:
-        left, right = _Image.pair(_shrink(left.pixels, shrink), _shrink(right.pixels, shrink), threads)
-    scale = width / left.gray.shape[1]
-    small = math.floor(limits[0] / scale), math.ceil(limits[1] / scale)
-    start = semiglobal_start(left.planes, right.planes, left.gray, right.gray, left.noise, *small, threads)
-    status = _compare(start.disparity, start.right, small, threads)
-    if shrink == 1:
-        return start.disparity, status
-    status = np.asarray(cv2.resize(status, (width, height), interpolation=cv2.INTER_NEAREST), np.uint8)
-    disparity = _enlarge(start.disparity, (width, height), scale)
-    return np.asarray(disparity.clip(*limits), np.float32), status
-
-
-def _enlarge(disparity: FloatImage, size: tuple[int, int], scale: float) -> FloatImage:
-    """A map for images that are `scale` times as large: between its pixels on surfaces, never across their edges."""
-    spread = cv2.dilate(disparity, np.ones((3, 3))) - cv2.erode(disparity, np.ones((3, 3)))
-    even = cv2.resize((spread < 1).astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) == 1
-    linear, nearest = (cv2.resize(disparity, size, interpolation=i) for i in (cv2.INTER_LINEAR, cv2.INTER_NEAREST))
-    return np.asarray(np.where(even, linear, nearest) * np.float32(scale), np.float32)
-
-
-def _shrink(image: ByteImage, factor: int) -> ByteImage:
-    """Smaller by a factor, (H, W, C)."""
-    size = max(image.shape[1] // factor, 1), max(image.shape[0] // factor, 1)
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8).reshape(size[1], size[0], -1)
-
-
-@dataclass(frozen=True, eq=False)
-class _Image:
-    """One image in the forms that are needed: (H, W, C), (C, H, W), gray."""
-
-    pixels: ByteImage
-    planes: ByteImage
-    gray: Gray
-    noise: float
-
-    @classmethod
-    def pair(cls, left: ByteImage, right: ByteImage, threads: int) -> tuple[_Image, _Image]:
-        """Both, made alike."""
-        pixels = [np.ascontiguousarray(np.atleast_3d(image)) for image in (left, right)]
-        *grays, noise = gray_pair(pixels[0], pixels[1], threads)
-        first, second = (
-            cls(p, np.ascontiguousarray(p.transpose(2, 0, 1)), g, noise) for p, g in zip(pixels, grays, strict=True)
-        )
-        return first, second
-
-    def as_bytes(self) -> ByteImage:
-        """Gray, (H, W)."""
-        if self.pixels.shape[2] == 1:
-            return self.pixels[..., 0]
-        return np.asarray(cv2.cvtColor(self.pixels, cv2.COLOR_RGB2GRAY), np.uint8)
-
-
-def _compare(disparity: FloatImage, right: FloatImage, limits: tuple[int, int], threads: int) -> ByteImage:
-    status = np.empty(disparity.shape, np.uint8)
-    run_parallel(
-        lambda b: left_right_check(disparity, right, *limits, *b, status),
-        row_bands(disparity.shape[0], threads),
-        threads,
-    )
-    return status
-
-
 def _leave_out(blank: Mask, status: ByteImage) -> None:
     """Nothing is known of what has no texture, but that it would lie outside the other view."""
     status[blank & (status != Status.OUTSIDE)] = Status.LOW_TEXTURE
 
 
 def _planes(
-    image: _Image,
-    other: _Image,
+    image: View,
+    other: View,
     seen: FloatImage,
     usable: Mask,
     blank: Mask,
@@ -284,9 +214,7 @@ def _planes(
     return state
 
 
-def _view(
-    image: _Image, other: _Image, seen: FloatImage, usable: Mask, limits: tuple[int, int], threads: int
-) -> CostData:
+def _view(image: View, other: View, seen: FloatImage, usable: Mask, limits: tuple[int, int], threads: int) -> CostData:
     shape = image.gray.shape
     arms, inverse = np.empty((4, *shape), np.uint8), np.empty(shape, np.float32)
     run_parallel(lambda b: measure_arms(image.pixels, *b, arms), row_bands(shape[0], threads), threads)
@@ -321,8 +249,7 @@ def _between_pixels(gray: Gray, threads: int) -> NDArray[np.int16]:
 
 def _result(
     disparity: FloatImage,
-    start: tuple[FloatImage, Mask],
-    images: tuple[_Image, _Image],
+    start: Beginning,
     status: ByteImage,
     water: Water,
     limits: tuple[int, int],
@@ -332,12 +259,12 @@ def _result(
 ) -> GraphCutResult:
     valid = status == 0
     nan = np.float32(np.nan)
-    left, right = (plain_gray(image.pixels, image.noise) for image in images)
+    left, right = (plain_gray(view.pixels, view.noise) for view in start.images)
     sigma = np.where(valid, sigma_of(left, right, disparity, status, effort, threads), nan)
     disparity = np.where(valid, disparity, nan)
-    confidence = confidence_of(disparity, sigma, *start, effort)
+    confidence = confidence_of(disparity, sigma, start.disparity, start.usable, effort)
     if SCHEDULES[effort].passes:
-        sigma = with_disagreement(sigma, disparity, *start)
+        sigma = with_disagreement(sigma, disparity, start.disparity, start.usable)
     sigma = np.where(confidence < DOUBTFUL, np.maximum(sigma, np.float32(DOUBTFUL_SIGMA)), sigma)
     lost = unfounded(disparity, confidence, water, limits[0])
     status[lost] = np.where(water.faint[lost], int(Status.LOW_TEXTURE), int(Status.INCONSISTENT))

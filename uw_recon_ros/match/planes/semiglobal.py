@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -49,7 +50,9 @@ class Paths(NamedTuple):
         costs, along = np.zeros((2, 3, width + 2, labels + 2), np.int16), np.zeros((2, labels + 2), np.int16)
         for edge in (0, labels + 1):
             costs[..., edge] = along[:, edge] = _UNREACHED
-        return cls(costs, np.zeros((2, 3, width + 2), np.int16), along, np.empty(width, np.int16), np.empty(width, np.int32))
+        return cls(
+            costs, np.zeros((2, 3, width + 2), np.int16), along, np.empty(width, np.int16), np.empty(width, np.int32)
+        )
 
 
 class Start(NamedTuple):
@@ -238,5 +241,5 @@ def semiglobal_start(
         aggregate(costs, penalties[backward], low, labels, backward == 1, second, paths[backward], sums, *start)
 
     for second in (False, True):
-        run_parallel(lambda backward: scan(backward, second), (0, 1), min(threads, 2))
+        run_parallel(partial(scan, second=second), (0, 1), min(threads, 2))
     return start
