@@ -19,6 +19,7 @@ from __future__ import annotations
 import hashlib
 import os
 import stat
+import sys
 import tempfile
 import threading
 from collections.abc import Callable
@@ -73,8 +74,32 @@ if CACHE_DIRECTORY is not None:
 import numba  # noqa: E402  (reads the environment when first imported)
 from numba.core.cpu import CPUTargetOptions  # noqa: E402
 
+
+def _postpone_blas() -> None:
+    """Let numba load SciPy's BLAS when a kernel multiplies matrices, not already when it first loads code: 0.1 s.
+
+    All that follows from "no BLAS" there is how `numpy.convolve` sums its products.
+    """
+    try:
+        from numba.np import linalg
+    except ImportError:
+        return
+    ensure = getattr(linalg, "ensure_blas", None)
+    if ensure is None or "numba.np.arraymath" in sys.modules:
+        return
+
+    def later() -> None:
+        if not hasattr(sys.modules.get("numba.np.arraymath"), "_HAVE_BLAS"):
+            raise ImportError("not needed yet")
+        ensure()
+
+    linalg.ensure_blas = later
+
+
+_postpone_blas()
 _OPTIONS = dir(CPUTargetOptions)  # do without those that this numba does not know: ``_nrt`` is private
 _digests: dict[Path, str] = {}
+_directories: dict[Path, Path | None] = {}
 _kernels: list[Any] = []
 
 
@@ -114,8 +139,11 @@ def _cache_for(function: Callable[..., Any]) -> Path | None:
     source = Path(function.__code__.co_filename)
     if CACHE_DIRECTORY is None or not source.is_file():
         return None
-    directory = CACHE_DIRECTORY / f"{source.parent.name}-{_digest(source.parent)}"
-    return directory if _writable(directory) else None
+    folder = source.parent
+    if folder not in _directories:
+        directory = CACHE_DIRECTORY / f"{folder.name}-{_digest(folder)}"
+        _directories[folder] = directory if _writable(directory) else None
+    return _directories[folder]
 
 
 @overload

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from uw_recon_ros.errors import EstimationError
 from uw_recon_ros.findings import Code
 from uw_recon_ros.match.disparity_range import find_disparity_range
-from uw_recon_ros.match.kz2.matcher import kz2
 from uw_recon_ros.match.methods import EFFORTS, METHODS
 from uw_recon_ros.match.planes.confidence import confidence_of
 from uw_recon_ros.match.planes.matcher import graph_cut
@@ -249,6 +248,8 @@ class Match:
         return _Solution(result.disparity, *trust, result.status, result.energy, result.frame)
 
     def _kz2(self, left: ByteImage, right: ByteImage, low: int, high: int, threads: int) -> _Solution:
+        from uw_recon_ros.match.kz2.matcher import kz2  # the other method need not load it
+
         params = self.params
         result = kz2(
             left,

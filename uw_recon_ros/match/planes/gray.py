@@ -22,7 +22,7 @@ SMOOTHING = 0.9  #: standard deviation of the smoothing there, px
 LEAST_CONTRAST = 1.0  #: less is taken for this, gray levels
 MOST = 8000  #: units from the median, at most
 _CONTRAST_WINDOW = 9
-_SAMPLES = 40000  # pixels, about, that medians are taken over
+_SAMPLES = 60000  # pixels, about, that medians are taken over
 _ONE_VALUE = 0.1  # standard deviation that rounding leaves in a window of one value
 
 Gray = NDArray[np.int16]
