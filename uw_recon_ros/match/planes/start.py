@@ -9,9 +9,10 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
+from uw_recon_ros.match.planes import semiglobal
 from uw_recon_ros.match.planes.gray import Gray, gray_pair
 from uw_recon_ros.match.planes.left_right_check import left_right_check
-from uw_recon_ros.match.planes.semiglobal import semiglobal_start
+from uw_recon_ros.match.planes.light import SHRINK, brightened, brightness_between
 from uw_recon_ros.match.planes.threads import row_bands, run_parallel
 from uw_recon_ros.types import ByteImage, FloatImage, Mask
 
@@ -104,13 +105,29 @@ def _start(images: tuple[View, View], limits: tuple[int, int], threads: int) -> 
         left, right = View.pair(_shrink(left.pixels, shrink), _shrink(right.pixels, shrink), threads)
     scale = width / left.gray.shape[1]
     small = math.floor(limits[0] / scale), math.ceil(limits[1] / scale)
-    start = semiglobal_start(left.planes, right.planes, left.gray, right.gray, left.noise, *small, threads)
+    start = _matched(left, right, *small, threads, _levelled(left, right, *small, threads))
     status = _compare(start.disparity, start.right, small, threads)
     if shrink == 1:
         return start.disparity, status
     status = np.asarray(cv2.resize(status, (width, height), interpolation=cv2.INTER_NEAREST), np.uint8)
     disparity = _enlarge(start.disparity, (width, height), scale)
     return np.asarray(disparity.clip(*limits), np.float32), status
+
+
+def _matched(
+    left: View, right: View, low: int, high: int, threads: int, colors: ByteImage | None = None
+) -> semiglobal.Start:
+    """Semi-global disparities, with other `colors` of the right view where they are given."""
+    planes = right.planes if colors is None else colors
+    return semiglobal.semiglobal_start(left.planes, planes, left.gray, right.gray, left.noise, low, high, threads)
+
+
+def _levelled(left: View, right: View, low: int, high: int, threads: int) -> ByteImage:
+    """Colours of the right view, (C, H, W), as bright as those of the left one."""
+    smaller = View.pair(_shrink(left.pixels, SHRINK), _shrink(right.pixels, SHRINK), threads)
+    limits = math.floor(low / SHRINK), math.ceil(high / SHRINK)
+    by = brightness_between(smaller[0].pixels, smaller[1].pixels, _matched(*smaller, *limits, threads))
+    return brightened(right.planes, by)
 
 
 def _compare(disparity: FloatImage, right: FloatImage, limits: tuple[int, int], threads: int) -> ByteImage:
