@@ -11,6 +11,7 @@ from uw_recon_ros.match.planes.unfounded import unfounded
 from uw_recon_ros.types import FloatImage, Mask
 
 SHAPE = 120, 160
+LIMITS = 0.0, 64.0
 PIECE = np.s_[50:64, 70:90]  # 280 px: 1.5 % of the image
 
 
@@ -28,7 +29,7 @@ def _lost(trust: float, water: Water, *, at: float = 20.0, around: float = np.na
     disparity[:], confidence[:] = around, np.float32(0.99) if np.isfinite(around) else np.nan
     disparity[PIECE], confidence[PIECE] = at, trust
     water.shown[PIECE] = False
-    return unfounded(disparity, confidence, water, least)
+    return unfounded(disparity, confidence, water, (least, 64.0))
 
 
 def test_a_piece_hardly_a_pixel_of_which_is_likely_right_goes_whole() -> None:
@@ -52,7 +53,7 @@ def test_amid_water_a_large_piece_need_not_be_surer() -> None:
     water = _water(shown=True)
     half = np.s_[:, 80:]
     disparity[half], confidence[half], water.shown[half] = 20.0, 0.75, False
-    assert not unfounded(disparity, confidence, water, 0.0).any()
+    assert not unfounded(disparity, confidence, water, LIMITS).any()
 
 
 def test_an_island_of_faint_texture_in_water_is_water() -> None:
@@ -69,6 +70,19 @@ def test_what_would_rather_lie_further_away_than_is_searched_is_water() -> None:
     assert not _lost(0.99, _water(faint=True), at=14.0, around=30.0, least=12.0).any()
 
 
+def test_a_faint_piece_at_the_greatest_disparity_is_no_near_obstacle() -> None:
+    """However large; a textured one there stays, and so does a floor that reaches there."""
+    disparity, confidence = _nothing()
+    disparity[:, :80], confidence[:] = 63.6, 0.99
+    disparity[:, 80:] = 20.0
+    lost = unfounded(disparity, confidence, _water(faint=True), LIMITS)
+    assert lost[:, :80].all()
+    assert not lost[:, 80:].any()
+    assert not unfounded(disparity, confidence, _water(), LIMITS).any()
+    floor = np.broadcast_to(np.linspace(30, 64, SHAPE[0], dtype=np.float32)[:, None], SHAPE)
+    assert not unfounded(floor, np.full(SHAPE, 0.99, np.float32), _water(faint=True), LIMITS).any()
+
+
 @given(st.integers(0, 2**32 - 1))
 def test_pieces_go_whole_and_only_where_there_is_something(seed: int) -> None:
     """Whatever the map: pixels without a disparity are not named, neighbours of one value go together."""
@@ -76,10 +90,12 @@ def test_pieces_go_whole_and_only_where_there_is_something(seed: int) -> None:
     values = np.kron(rng.integers(0, 4, (6, 8)), np.ones((5, 5))).astype(np.float32) * 3
     disparity = np.where(values == 0, np.float32(np.nan), values)
     confidence = np.where(values == 0, np.float32(np.nan), rng.random(values.shape, np.float32))
-    lost = unfounded(disparity, confidence, Water(rng.random(values.shape) < 0.5, rng.random(values.shape) < 0.5), 0.0)
+    lost = unfounded(
+        disparity, confidence, Water(rng.random(values.shape) < 0.5, rng.random(values.shape) < 0.5), LIMITS
+    )
     assert not lost[np.isnan(disparity)].any()
     same = disparity[:, 1:] == disparity[:, :-1]
     assert (lost[:, 1:] == lost[:, :-1])[same].all()
     sure = np.where(np.isfinite(disparity), np.float32(1), disparity)
     nothing = np.zeros(values.shape, np.bool_)
-    assert not unfounded(disparity, sure, Water(nothing, nothing), 0.0).any()
+    assert not unfounded(disparity, sure, Water(nothing, nothing), LIMITS).any()

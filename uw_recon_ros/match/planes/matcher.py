@@ -266,7 +266,7 @@ def _result(
     if SCHEDULES[effort].passes:
         sigma = with_disagreement(sigma, disparity, start.disparity, start.usable)
     sigma = np.where(confidence < DOUBTFUL, np.maximum(sigma, np.float32(DOUBTFUL_SIGMA)), sigma)
-    lost = unfounded(disparity, confidence, water, limits[0])
+    lost = unfounded(disparity, confidence, water, limits)
     status[lost] = np.where(water.faint[lost], int(Status.LOW_TEXTURE), int(Status.INCONSISTENT))
     disparity, sigma, confidence = (np.where(lost, nan, found) for found in (disparity, sigma, confidence))
     return GraphCutResult(disparity, sigma, confidence, status, value)

@@ -1,9 +1,9 @@
 """Pieces of a disparity map that nothing carries: what chance, drifting particles or a veil make of empty water.
 
 A wrong piece looks like a surface pixel by pixel. As a whole it does not: hardly one of its pixels is likely right
-(`confidence`); or it is small, of faint texture, and amid water or at the lower end of the searched disparities, where
-all gathers that would lie further away. The more of its surroundings are water or doubtful pieces, the surer a small
-piece must be.
+(`confidence`); or it is of faint texture and lies at the upper end of the searched disparities, where a veil's slow
+changes match best; or it is small, faint, and amid water or at the lower end, where all gathers that would lie further
+away. The more of its surroundings are water or doubtful pieces, the surer a small piece must be.
 
 Chosen on simulated open water and on Middlebury pairs in four waters, where what is left out was wrong more often than
 right in every water (``test/benchmark/open_water.py``, ``docs/matching_experiments.md``).
@@ -24,11 +24,12 @@ LEAST_CONFIDENCE = 0.6  #: mean of a piece
 ALONE = 0.25  #: to be added for a small piece amid nothing but water
 SMALL = 0.02  #: of the image
 AROUND = 31  #: side of what counts as surroundings, px
-ISLAND = 0.9, 0.5  #: share of water around, and of faint texture in it, that make a small piece water
-END_PX = 1.0  #: from the least disparity searched
+ISLAND = 0.9  #: share of water around that makes a small faint piece water, too
+MOSTLY = 0.5  #: share of a piece that is faint, or at an end
+END_PX, END = 1.0, 0.05  #: from the least or greatest disparity searched, and at most this part of them
 
 
-def unfounded(disparity: FloatImage, confidence: FloatImage, water: Water, least_px: float) -> Mask:
+def unfounded(disparity: FloatImage, confidence: FloatImage, water: Water, limits: tuple[float, float]) -> Mask:
     """Pixels with a disparity, (H, W) bool, that belong to such pieces.
 
     Parameters
@@ -37,22 +38,25 @@ def unfounded(disparity: FloatImage, confidence: FloatImage, water: Water, least
         px, and 0 to 1; NaN = none.
     water : Water
         Of `open_water`.
-    least_px : float
-        Least disparity searched, px.
+    limits : (float, float)
+        Least and greatest disparity searched, px.
     """
     known = np.isfinite(disparity)
     labels = label_pieces(disparity, JUMP_PX)
     area: NDArray[np.float64] = np.bincount(labels.ravel(), known.ravel().astype(np.float64)).astype(np.float64)
     trust = _mean(confidence, known, labels, area)
-    doubtful = known & (trust[labels] < LEAST_CONFIDENCE)
+    faint = _mean(water.faint, known, labels, area) > MOSTLY
+    end = min(END_PX, END * (limits[1] - limits[0]))
+    far, near = (
+        _mean(there, known, labels, area) > MOSTLY
+        for there in (disparity < limits[0] + end, disparity > limits[1] - end)
+    )
+    doubtful = known & ((trust < LEAST_CONFIDENCE) | (near & faint))[labels]
     small = known & ~doubtful & (area[labels] < SMALL * disparity.size)
     if not small.any():
         return np.asarray(doubtful)
     empty = _mean(_share_of_rest(water.shown | doubtful, small), small, labels, area)
-    faint = _mean(water.faint, small, labels, area)
-    at_end = _mean(disparity < least_px + END_PX, small, labels, area)
-    islands = ((empty > ISLAND[0]) | (at_end > 0.5)) & (faint > ISLAND[1])
-    lost = islands | (trust < LEAST_CONFIDENCE + ALONE * empty)
+    lost = (((empty > ISLAND) | far) & faint) | (trust < LEAST_CONFIDENCE + ALONE * empty)
     return np.asarray(doubtful | (small & lost[labels]))
 
 
