@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import platform
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -9,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -22,12 +23,15 @@ from uw_recon_ros.calibrate.detect import Sighting, find_board, find_checkerboar
 from uw_recon_ros.calibrate.fit import Fit, LeftOut, baseline_sigma, solve
 from uw_recon_ros.calibrate.markers import APRILTAGS, find_dictionary
 from uw_recon_ros.calibrate.optics import NAMES
+from uw_recon_ros.calibrate.ports import ALL_NAMES, AirRig, PortGlass, PortRig, port_findings, solve_ports
 from uw_recon_ros.calibrate.rig import RigNumbers
 from uw_recon_ros.calibrate.screen import different_ones, mirrored, sharp_ones, unseen_reason
 from uw_recon_ros.calibrate.worth import DepthError, HeldOut, depth_errors, held_out
 from uw_recon_ros.calibration.judge import judge_calibration
 from uw_recon_ros.errors import CalibrationError, ReconError
 from uw_recon_ros.files.atomic import claim_folder, finite, write_json
+from uw_recon_ros.files.bounded import read_bounded
+from uw_recon_ros.files.calibrations.document import LARGEST_BYTES
 from uw_recon_ros.files.calibrations.write import write_calibration, write_camera
 from uw_recon_ros.findings import Code, Finding, Severity, worst
 from uw_recon_ros.images import to_gray
@@ -62,6 +66,41 @@ class BoardAsked:
     dictionary: str = ""
 
 
+class PortsAsked(NamedTuple):
+    """What ports are looked for with."""
+
+    air: AirRig
+    told: PortGlass
+
+
+def air_rig(path: str | Path) -> AirRig:
+    """A rig's numbers with their covariance, from a ``calibration.json`` made in air.
+
+    Raises
+    ------
+    CalibrationError
+        It is none, not made in air, or not in metres.
+    """
+    try:
+        told = json.loads(read_bounded(Path(path), LARGEST_BYTES, CalibrationError))
+        numbers = np.array([float(told["parameters"][name]) for name in NAMES])
+        covariance = np.array(told["covariance"], np.float64)[: len(NAMES), : len(NAMES)]
+        size = int(told["image_width"]), int(told["image_height"])
+        made = AirRig(numbers, covariance, float(told["noise_px"]), size)
+        medium, unit = told["medium"], told["parameters_unit_of_length"]
+    except (ValueError, KeyError, TypeError) as error:
+        text = f"{path}: expected calibration.json of uw_recon calibrate, got {error!r}"
+        raise CalibrationError(text, Code.CALIBRATION_UNKNOWN_FORM) from error
+    if medium != "air" or unit != "m" or told["distortion_model"] != "plumb_bob":
+        text = f"{path}: expected a calibration made in air (--medium air) and in metres, got {medium}, {unit}"
+        raise CalibrationError(text, Code.CALIBRATE_MEDIUM)
+    if covariance.shape != (len(NAMES), len(NAMES)) or not (
+        np.isfinite(covariance).all() and np.isfinite(numbers).all()
+    ):
+        raise CalibrationError(f"{path}: expected finite numbers with their covariance", Code.CALIBRATION_NUMBERS)
+    return made
+
+
 @dataclass(frozen=True, eq=False)
 class Seen:
     """Two grey pictures of one moment and what people call them."""
@@ -91,6 +130,7 @@ class Result:
     errors: tuple[DepthError, ...]
     held: HeldOut | None
     findings: tuple[Finding, ...]
+    behind: PortRig | None = None
 
     @property
     def calibration(self) -> StereoCalibration:
@@ -244,8 +284,15 @@ def _nothing_seen(last: Seen | None, board: Board, left_out: Sequence[LeftOut]) 
     )
 
 
-def calibrate_frames(frames: Iterable[Seen], board: Board, *, metric: bool = True, medium: str = "unknown") -> Result:
-    """Calibrate a rig.
+def calibrate_frames(
+    frames: Iterable[Seen],
+    board: Board,
+    *,
+    metric: bool = True,
+    medium: str = "unknown",
+    ports: PortsAsked | None = None,
+) -> Result:
+    """Calibrate a rig, or find the ports before one that was calibrated in air.
 
     Parameters
     ----------
@@ -255,6 +302,8 @@ def calibrate_frames(frames: Iterable[Seen], board: Board, *, metric: bool = Tru
         Whether the board's squares are known.
     medium : {'water', 'air', 'unknown'}
         In which the pictures were taken, behind the ports if there are any.
+    ports : PortsAsked or None
+        The pictures were taken in water, and the ports are wanted.
 
     Raises
     ------
@@ -264,12 +313,16 @@ def calibrate_frames(frames: Iterable[Seen], board: Board, *, metric: bool = Tru
     seen, unseen, size = see_boards(frames, board)
     sharp, blurred = sharp_ones(seen)
     different, same = different_ones(sharp, size)
+    if ports is not None and ports.air.size != size:
+        text = f"pictures: expected {_size(ports.air.size)} px as the calibration in air, got {_size(size)} px"
+        raise CalibrationError(text, Code.CALIBRATE_SIZE_DIFFERS)
     try:
-        fit = solve(different, board, size)
+        fit = solve_ports(different, board, *ports) if ports else solve(different, board, size)
     except CalibrationError as error:
         rest = Counter(out.reason for out in (*unseen, *blurred, *same)).most_common(1)
         raise CalibrationError(f"{error}{f'; {rest[0][1]} pairs: {rest[0][0]}' if rest else ''}", error.code) from error
-    rig = RigNumbers(fit.bundle.numbers, size)
+    rig = RigNumbers(fit.bundle.numbers[: len(NAMES)], size)
+    behind = PortRig(fit.bundle.numbers, ports.told, size) if ports else None
     if rig.exchanged:
         raise CalibrationError(
             f"left and right are exchanged: the right camera was found {1000 * rig.baseline_m:.1f} mm to the left of "
@@ -278,12 +331,14 @@ def calibrate_frames(frames: Iterable[Seen], board: Board, *, metric: bool = Tru
         )
     points = board.points()
     session = describe(fit.bundle, fit.pairs, points, size)
-    errors = depth_errors(rig, fit.bundle.covariance) if metric else ()
-    held = held_out(fit.bundle, fit.pairs, points, size)
-    told = (*_of_medium(medium), *_of_scale(rig, metric, size))
-    findings = (*advise(session, fit.bundle, fit.pairs, errors, held, size), *told)
+    errors = depth_errors(behind or rig, fit.bundle.covariance) if metric else ()
+    held = None if ports else held_out(fit.bundle, fit.pairs, points, size)
+    of_ports = port_findings(fit.bundle, ports.air) if ports else tuple(_of_medium(medium))
+    told = (*of_ports, *_of_scale(rig, metric, size))
+    findings = (*advise(session, fit.bundle, fit.pairs, errors, held, size, held_out=not ports), *told)
     left_out = (*unseen, *blurred, *same, *fit.left_out)
-    return Result(board, metric, medium, size, fit, left_out, rig, session, errors, held, findings)
+    made_in = "air" if ports else medium
+    return Result(board, metric, made_in, size, fit, left_out, rig, session, errors, held, findings, behind)
 
 
 def _of_medium(medium: str) -> Iterator[Finding]:
@@ -316,19 +371,21 @@ def report_of(result: Result) -> dict[str, Any]:
 
     bundle, rig = result.fit.bundle, result.rig
     length = 1.0 if result.metric else float("nan")
+    names = ALL_NAMES if result.behind else NAMES
     return {
         "format": 1,
         "medium": result.medium,
         "image_width": result.size[0],
         "image_height": result.size[1],
         "distortion_model": "plumb_bob",
-        "parameters": dict(zip(NAMES, bundle.numbers.tolist(), strict=True)),
+        "parameters": dict(zip(names, bundle.numbers.tolist(), strict=True)),
         "parameters_unit_of_length": "m" if result.metric else "squares of the board",
-        "sigmas": dict(zip(NAMES, np.sqrt(np.diag(bundle.covariance)).tolist(), strict=True)),
+        "sigmas": dict(zip(names, np.sqrt(np.diag(bundle.covariance)).tolist(), strict=True)),
         "covariance": bundle.covariance.tolist(),
         "free": bundle.free.tolist(),
         "baseline_m": finite(length * rig.baseline_m),
         "baseline_sigma_m": finite(length * baseline_sigma(bundle)),
+        "ports": vars(result.behind.ports) if result.behind else None,
         "rms_px": bundle.rms_px,
         "noise_px": bundle.noise_px,
         "held_out": None if result.held is None else vars(result.held),
@@ -380,7 +437,7 @@ def drawn_points(result: Result) -> tuple[list[tuple[Matrix, Matrix]], list[tupl
 
 def calibrate_files(
     source: str | Path, output: str | Path, asked: BoardAsked, *, medium: str = "unknown", most_pairs: int = 150,
-    overwrite: bool = False, progress: Callable[[Pictures], Iterable[Seen]] = iter,
+    ports: PortsAsked | None = None, overwrite: bool = False, progress: Callable[[Pictures], Iterable[Seen]] = iter,
 ) -> dict[str, Any]:  # fmt: skip
     """Calibrate from files into a folder; return what ``calibration.json`` holds.
 
@@ -393,6 +450,8 @@ def calibrate_files(
     medium : {'water', 'air', 'unknown'}
     most_pairs : int
         Looked at, evenly spread over the input.
+    ports : PortsAsked or None
+        To find the ports, from pictures in water.
     overwrite : bool
         Whether the folder may hold files already.
     progress : callable
@@ -406,6 +465,6 @@ def calibrate_files(
     output, pictures = Path(output), Pictures(source, most_pairs)
     claim_folder(output, overwrite)
     board = made_board(asked, Pictures(source, _LOOKED_AT))
-    result = calibrate_frames(progress(pictures), board, metric=asked.square_m > 0, medium=medium)
+    result = calibrate_frames(progress(pictures), board, metric=asked.square_m > 0, medium=medium, ports=ports)
     result = replace(result, left_out=(*pictures.unusable, *result.left_out))
     return write_result(result, output, pictures.notes)

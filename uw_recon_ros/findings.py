@@ -73,6 +73,7 @@ class Code(str, Enum):
     CALIBRATE_MIRRORED = "calibrate.mirrored"
     CALIBRATE_NOT_SEEN = "calibrate.not_seen"
     CALIBRATE_OUTLIER = "calibrate.outlier"
+    CALIBRATE_PORT = "calibrate.port"
     CALIBRATE_RESIDUALS = "calibrate.residuals"
     CALIBRATE_SIZE_DIFFERS = "calibrate.size_differs"
     CALIBRATE_SQUARE_UNKNOWN = "calibrate.square_unknown"

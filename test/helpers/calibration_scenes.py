@@ -13,7 +13,6 @@ from uw_recon_ros.calibrate.bundle import SeenPair
 from uw_recon_ros.calibrate.detect import Sighting
 from uw_recon_ros.calibrate.optics import EXTRINSIC, NAMES, SIDES
 from uw_recon_ros.calibrate.rig import RigNumbers
-from uw_recon_ros.calibrate.worth import common_view
 from uw_recon_ros.files.images import write_image
 from uw_recon_ros.simulate.boards import Shot, hold_boards, photograph, seen_points
 from uw_recon_ros.simulate.params import SimulateParams
@@ -57,7 +56,7 @@ def truth_of(rig: Rig) -> Matrix:
 def depth_misses(found: RigNumbers, rig: Rig, range_m: float) -> Matrix:
     """Relative errors of depth over what both true cameras see at a range."""
     true = RigNumbers(truth_of(rig), found.size)
-    points, left, right = common_view(true, range_m)
+    points, left, right = true.common_view(range_m)
     return np.asarray(found.located(left, right)[:, 2] / points[:, 2] - 1)
 
 

@@ -60,14 +60,14 @@ def _counts(sightings: Sequence[Sighting], size: tuple[int, int]) -> Matrix:
 
 def advise(
     session: Session, bundle: Bundle, pairs: Sequence[SeenPair], errors: Sequence[DepthError], held: HeldOut | None,
-    size: tuple[int, int],
+    size: tuple[int, int], *, held_out: bool = True,
 ) -> tuple[Finding, ...]:  # fmt: skip
-    """Everything worth saying, the depth error first."""
+    """Everything worth saying, the depth error first; `held_out`: whether pairs were to be left out of the fit."""
     return tuple(
         finding
         for part in (
             _depth(errors, len(pairs)), _coverage(session), _tilt(session), _number(pairs),
-            _held_out(bundle, held), _residuals(bundle, pairs, size),
+            _held_out(bundle, held) if held_out else (), _residuals(bundle, pairs, size),
         )
         for finding in part
     )  # fmt: skip

@@ -17,6 +17,8 @@ from uw_recon_ros.calibrate.optics import project_left, project_right
 from uw_recon_ros.types import Mask, Matrix
 
 _Slopes = tuple[Matrix, Matrix, Matrix]  # pixels, slopes by numbers, slopes by pose
+#: Where (numbers, pose, points) puts points: (N, 2) px, (2N, n) slopes by the numbers, (2N, 6) by the pose.
+Project = Callable[[Matrix, Matrix, Matrix], _Slopes]
 
 _MOST_STEPS = 60
 _SETTLED = 1e-9  # relative fall of the cost
@@ -48,7 +50,7 @@ class Bundle:
     Parameters
     ----------
     numbers : (24,) float64
-        See `calibrate.optics`.
+        See `calibrate.optics`; behind ports there are more.
     poses : (P, 6) float64
         Rotation vector and translation (m), left camera from board, of every pair.
     covariance : (24, 24) float64
@@ -86,6 +88,26 @@ def rms_px(residuals: Sequence[tuple[Matrix, Matrix]]) -> float:
 
 
 @dataclass(frozen=True, eq=False)
+class Prior:
+    """What is known of the numbers beforehand.
+
+    Parameters
+    ----------
+    numbers : (n,) float64
+    information : (n, n) float64
+        Inverse covariance, times the squared noise of a coordinate, so that it counts as points do.
+    """
+
+    numbers: Matrix
+    information: Matrix
+
+    def cost(self, numbers: Matrix) -> float:
+        """Squared distance, px^2."""
+        aside = numbers - self.numbers
+        return float(aside @ self.information @ aside)
+
+
+@dataclass(frozen=True, eq=False)
 class _Normal:
     """The normal equations of one pair: blocks by numbers, by both, by pose."""
 
@@ -96,24 +118,31 @@ class _Normal:
     p: Matrix
 
 
-def pair_residuals(numbers: Matrix, pose: Matrix, pair: SeenPair, points: Matrix) -> tuple[Matrix, Matrix]:
+PINHOLES: tuple[Project, Project] = (project_left, project_right)  #: the left camera and the right one
+
+
+def pair_residuals(
+    numbers: Matrix, pose: Matrix, pair: SeenPair, points: Matrix, project: tuple[Project, Project] = PINHOLES
+) -> tuple[Matrix, Matrix]:
     """Seen minus predicted pixels of a pair, left and right, (N, 2) px."""
-    left, right = _predicted(numbers, pose, pair, points)
+    left, right = _predicted(numbers, pose, pair, points, project)
     return pair.left.pixels - left[0], pair.right.pixels - right[0]
 
 
 def _predicted(
-    numbers: Matrix, pose: Matrix, pair: SeenPair, points: Matrix
-) -> tuple[tuple[Matrix, Matrix, Matrix], ...]:
-    return (
-        project_left(numbers, pose, points[pair.left.numbers]), project_right(numbers, pose, points[pair.right.numbers])
-    )  # fmt: skip
+    numbers: Matrix, pose: Matrix, pair: SeenPair, points: Matrix, project: tuple[Project, Project]
+) -> tuple[_Slopes, _Slopes]:
+    left, right = (
+        side(numbers, pose, points[seen.numbers]) for side, seen in zip(project, (pair.left, pair.right), strict=True)
+    )
+    return left, right
 
 
 def _normal(
-    numbers: Matrix, pose: Matrix, pair: SeenPair, points: Matrix, free: Mask, weight: float = 1.0
-) -> tuple[_Normal, float]:
-    left, right = _predicted(numbers, pose, pair, points)
+    numbers: Matrix, pose: Matrix, pair: SeenPair, points: Matrix, free: Mask, project: tuple[Project, Project],
+    weight: float = 1.0,
+) -> tuple[_Normal, float]:  # fmt: skip
+    left, right = _predicted(numbers, pose, pair, points, project)
     misses = np.concatenate([(pair.left.pixels - left[0]).ravel(), (pair.right.pixels - right[0]).ravel()])
     c, p = np.concatenate([left[1], right[1]])[:, free], np.concatenate([left[2], right[2]])
     made = (c.T @ c, c.T @ p, p.T @ p, c.T @ misses, p.T @ misses)
@@ -124,11 +153,11 @@ def _damped(matrix: Matrix, weight: float) -> Matrix:
     return matrix + weight * np.diag(np.maximum(np.diag(matrix), 1e-12))
 
 
-def _step(blocks: Sequence[_Normal], weight: float) -> tuple[Matrix, Matrix]:
-    """Levenberg's and Marquardt's step of the free numbers, and of every pose."""
+def _step(blocks: Sequence[_Normal], weight: float, prior: tuple[Matrix, Matrix]) -> tuple[Matrix, Matrix]:
+    """Levenberg's and Marquardt's step of the free numbers, and of every pose; `prior`: its part of both sums."""
     inverses = [np.linalg.inv(_damped(block.pp, weight)) for block in blocks]
-    reduced = _damped(np.sum([block.cc for block in blocks], axis=0), weight)
-    wanted = np.sum([block.c for block in blocks], axis=0)
+    reduced = _damped(np.sum([block.cc for block in blocks], axis=0) + prior[0], weight)
+    wanted = np.sum([block.c for block in blocks], axis=0) + prior[1]
     for block, inverse in zip(blocks, inverses, strict=True):
         reduced = reduced - block.cp @ inverse @ block.cp.T
         wanted = wanted - block.cp @ inverse @ block.p
@@ -137,14 +166,9 @@ def _step(blocks: Sequence[_Normal], weight: float) -> tuple[Matrix, Matrix]:
     return numbers, np.array(poses)
 
 
-def _cost(numbers: Matrix, poses: Matrix, pairs: Sequence[SeenPair], points: Matrix, weights: Matrix) -> float:
-    misses = (pair_residuals(numbers, pose, pair, points) for pose, pair in zip(poses, pairs, strict=True))
-    return float(sum(w * sum((side**2).sum() for side in pair) for w, pair in zip(weights, misses, strict=True)))
-
-
 def adjust(
     numbers: Matrix, poses: Matrix, pairs: Sequence[SeenPair], points: Matrix, free: Mask,
-    weights: Matrix | None = None,
+    weights: Matrix | None = None, *, project: tuple[Project, Project] = PINHOLES, prior: Prior | None = None,
 ) -> Bundle:  # fmt: skip
     """Minimise the squared distances of seen and predicted points, from a guess.
 
@@ -159,56 +183,69 @@ def adjust(
         Which numbers may move.
     weights : (P,) float64 or None
         Of the pairs; None: all 1, without which the covariance is none.
+    project : two of callable
+        Of the left and the right camera.
+    prior : Prior or None
 
     Returns
     -------
     Bundle
     """
     damping, weights = 1e-3, np.ones(len(pairs)) if weights is None else weights
+    known = prior or Prior(numbers, np.zeros((len(numbers), len(numbers))))
+
+    def cost_of(there: Matrix, turned: Matrix) -> float:
+        misses = (pair_residuals(there, pose, pair, points, project) for pose, pair in zip(turned, pairs, strict=True))
+        squares = (sum((side**2).sum() for side in pair) for pair in misses)
+        return known.cost(there) + float(sum(w * square for w, square in zip(weights, squares, strict=True)))
+
     for _ in range(_MOST_STEPS):
         made = [
-            _normal(numbers, pose, pair, points, free, w) for pose, pair, w in zip(poses, pairs, weights, strict=True)
+            _normal(numbers, pose, pair, points, free, project, w)
+            for pose, pair, w in zip(poses, pairs, weights, strict=True)
         ]
-        blocks, cost = [block for block, _ in made], sum(part for _, part in made)
-
-        def lower(there: Matrix, turned: Matrix, cost: float = cost) -> float:
-            return cost - _cost(there, turned, pairs, points, weights)
-
-        numbers, poses, damping, fallen = _descend(numbers, poses, free, blocks, lower, damping)
+        blocks, cost = [block for block, _ in made], known.cost(numbers) + sum(part for _, part in made)
+        pull = (known.information[np.ix_(free, free)], (known.information @ (known.numbers - numbers))[free])
+        numbers, poses, damping, fallen = _descend(numbers, poses, free, blocks, pull, cost, cost_of, damping)
         if fallen <= _SETTLED * cost:
             break
-    return _solution(numbers, poses, pairs, points, free)
+    return _solution(numbers, poses, pairs, points, free, project, known)
 
 
 def _descend(
-    numbers: Matrix, poses: Matrix, free: Mask, blocks: Sequence[_Normal],
-    lower: Callable[[Matrix, Matrix], float], damping: float,
+    numbers: Matrix, poses: Matrix, free: Mask, blocks: Sequence[_Normal], pull: tuple[Matrix, Matrix], cost: float,
+    cost_of: Callable[[Matrix, Matrix], float], damping: float,
 ) -> tuple[Matrix, Matrix, float, float]:  # fmt: skip
     """One step that lowers the cost, ever shorter until it does; the last number is by how much."""
     while damping < _HEAVIEST:
         try:
-            moved, turned = _step(blocks, damping)
+            moved, turned = _step(blocks, damping, pull)
         except np.linalg.LinAlgError:
             damping *= 10
             continue
         there = numbers.copy()
         there[free] += moved
-        fallen = lower(there, poses + turned)
+        fallen = cost - cost_of(there, poses + turned)
         if fallen > 0:  # NaN is not
             return there, poses + turned, max(damping / 10, 1e-12), fallen
         damping *= 10
     return numbers, poses, damping, 0.0
 
 
-def _solution(numbers: Matrix, poses: Matrix, pairs: Sequence[SeenPair], points: Matrix, free: Mask) -> Bundle:
-    residuals = tuple(pair_residuals(numbers, pose, pair, points) for pose, pair in zip(poses, pairs, strict=True))
+def _solution(
+    numbers: Matrix, poses: Matrix, pairs: Sequence[SeenPair], points: Matrix, free: Mask,
+    project: tuple[Project, Project], known: Prior,
+) -> Bundle:  # fmt: skip
+    residuals = tuple(
+        pair_residuals(numbers, pose, pair, points, project) for pose, pair in zip(poses, pairs, strict=True)
+    )
     count = 2 * sum(len(side) for pair in residuals for side in pair)
     spare = max(count - int(free.sum()) - 6 * len(pairs), 1)
     noise = float(np.sqrt(sum((side**2).sum() for pair in residuals for side in pair) / spare))
-    information = np.zeros((int(free.sum()), int(free.sum())))
+    information = known.information[np.ix_(free, free)]
     for pose, pair in zip(poses, pairs, strict=True):
-        block, _ = _normal(numbers, pose, pair, points, free)
-        information += block.cc - block.cp @ np.linalg.pinv(block.pp) @ block.cp.T
+        block, _ = _normal(numbers, pose, pair, points, free, project)
+        information = information + block.cc - block.cp @ np.linalg.pinv(block.pp) @ block.cp.T
     covariance = np.zeros((len(numbers), len(numbers)))
     covariance[np.ix_(free, free)] = noise**2 * _inverted(information)
     return Bundle(numbers, poses, covariance, residuals, noise, free)

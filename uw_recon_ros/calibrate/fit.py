@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -100,7 +100,7 @@ def solve(pairs: Sequence[SeenPair], board: Board, size: tuple[int, int]) -> Fit
     """
     points, left_out = board.points(), list[LeftOut]()
     kept = [ordered_alike(pair, board) for pair in pairs]
-    _enough(kept, left_out)
+    enough(kept, left_out)
     numbers, poses = guess_rig(kept, points, size)
     bundle = _staged(numbers, poses, kept, points)
     while True:
@@ -108,13 +108,39 @@ def solve(pairs: Sequence[SeenPair], board: Board, size: tuple[int, int]) -> Fit
         wrong = _outlying(bundle)
         left_out += [_named(kept[k], bundle, k, points) for k in wrong]
         kept = [pair for k, pair in enumerate(kept) if k not in wrong]
-        _enough(kept, left_out)
+        enough(kept, left_out)
         bundle = adjust(bundle.numbers, np.delete(bundle.poses, wrong, axis=0), kept, points, bundle.free)
         if not wrong:
             return Fit(_with_k3(bundle, kept, points), tuple(kept), tuple(left_out))
 
 
-def _enough(kept: Sequence[SeenPair], left_out: Sequence[LeftOut]) -> None:
+def without_outlying(
+    bundle: Bundle,
+    pairs: Sequence[SeenPair],
+    fitted: Callable[[Matrix, Matrix, Sequence[SeenPair]], Bundle],
+    before: Sequence[LeftOut] = (),
+) -> tuple[Bundle, tuple[SeenPair, ...], tuple[LeftOut, ...]]:
+    """Fit again, by numbers, poses and pairs, until no pair fits far worse than most; `before`: left out already.
+
+    Raises
+    ------
+    CalibrationError
+        Fewer than four pairs are left.
+    """
+    left_out, kept = list(before), tuple(pairs)
+    while wrong := _outlying(bundle):
+        usual = float(np.median(bundle.pair_rms_px))
+        for k in wrong:
+            text = f"points miss by {bundle.pair_rms_px[k]:.2f} px (others {usual:.2f})"
+            left_out.append(LeftOut(kept[k].name, text, Code.CALIBRATE_OUTLIER))
+        kept = tuple(pair for k, pair in enumerate(kept) if k not in wrong)
+        enough(kept, left_out)
+        bundle = fitted(bundle.numbers, np.delete(bundle.poses, wrong, axis=0), kept)
+    return bundle, kept, tuple(left_out)
+
+
+def enough(kept: Sequence[SeenPair], left_out: Sequence[LeftOut]) -> None:
+    """Raise `CalibrationError` for fewer than four pairs."""
     if len(kept) < LEAST_PAIRS:
         because = f"; left out: {left_out[-1].name}: {left_out[-1].reason}" if left_out else ""
         raise CalibrationError(

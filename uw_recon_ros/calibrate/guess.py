@@ -35,8 +35,8 @@ def guess_rig(pairs: Sequence[SeenPair], points: Matrix, size: tuple[int, int]) 
     numbers = np.zeros(len(NAMES))
     for side, sightings in zip(SIDES, ([p.left for p in pairs], [p.right for p in pairs]), strict=True):
         numbers[side] = _camera(sightings, points, size)
-    lefts = [_pose(numbers[SIDES[0]], pair.left, points) for pair in pairs]
-    rights = [_pose(numbers[SIDES[1]], pair.right, points) for pair in pairs]
+    lefts = [guess_pose(numbers[SIDES[0]], pair.left, points) for pair in pairs]
+    rights = [guess_pose(numbers[SIDES[1]], pair.right, points) for pair in pairs]
     numbers[EXTRINSIC] = _between(lefts, rights)
     return numbers, np.array(lefts)
 
@@ -56,12 +56,12 @@ def _ideal(focal: float, size: tuple[int, int]) -> Matrix:
 
 def _miss(camera: Matrix, sighting: Sighting, points: Matrix) -> float:
     """Mean squared distance, over the board's size in the image: near views do not outvote the others."""
-    pose = _pose(camera, sighting, points)
+    pose = guess_pose(camera, sighting, points)
     pixels, _ = cv2.projectPoints(points[sighting.numbers], pose[:3], pose[3:], intrinsic_matrix(camera), np.zeros(5))
     return float(((pixels.reshape(-1, 2) - sighting.pixels) ** 2).mean()) / sighting.spacing_px**2
 
 
-def _pose(camera: Matrix, sighting: Sighting, points: Matrix) -> Matrix:
+def guess_pose(camera: Matrix, sighting: Sighting, points: Matrix) -> Matrix:
     """Of a board before a camera, left camera from board: the better of a plane's two solutions, refined."""
     seen, k = points[sighting.numbers], intrinsic_matrix(camera)
     _, turns, moves, errors = cv2.solvePnPGeneric(seen, sighting.pixels, k, np.zeros(5), flags=cv2.SOLVEPNP_IPPE)

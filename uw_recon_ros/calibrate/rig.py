@@ -2,18 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import cv2
 import numpy as np
 
-from uw_recon_ros.calibrate.optics import EXTRINSIC, SIDES, intrinsic_matrix
+from uw_recon_ros.calibrate.optics import EXTRINSIC, SIDES, intrinsic_matrix, project_left, project_right
 from uw_recon_ros.calibration.together import Lens, Parts
 from uw_recon_ros.rectify.rectified_camera import RectifiedCamera, undistorted
-from uw_recon_ros.types import Axis, Matrix, StereoCalibration
+from uw_recon_ros.types import Axis, Mask, Matrix, StereoCalibration
 
+_GRID = 5  # directions across the image, each way
 FRAMES = ("stereo_left_optical_frame", "stereo_right_optical_frame")
+
+
+def at_range(k: Matrix, size: tuple[int, int], range_m: float) -> Matrix:
+    """(25, 3) places at a depth, evenly over the view of a pinhole camera (3, 3), m."""
+    width, height = size
+    u, v = np.meshgrid(np.linspace(0, width - 1, 2 * _GRID + 1)[1::2], np.linspace(0, height - 1, 2 * _GRID + 1)[1::2])
+    places: Matrix = range_m * np.linalg.solve(k, np.stack([u.ravel(), v.ravel(), np.ones(u.size)])).T
+    return places
+
+
+def inside(pixels: Matrix, size: tuple[int, int]) -> Mask:
+    """(N,) which pixels an image has."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.all((pixels >= 0) & (pixels <= np.array(size) - 1), axis=1), np.bool_)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +80,17 @@ class RigNumbers:
             for side, frame in zip(SIDES, FRAMES, strict=True)
         )
         return Parts(left, right, self._turn, self.numbers[EXTRINSIC][3:]).rig()
+
+    def moved(self, by: Matrix) -> RigNumbers:
+        """The rig of numbers that differ by (24,)."""
+        return replace(self, numbers=self.numbers + by)
+
+    def common_view(self, range_m: float) -> tuple[Matrix, Matrix, Matrix]:
+        """Places at a depth that both cameras see: points (N, 3) m in the left frame, and their pixels (N, 2)."""
+        points, nowhere = at_range(self.calibration.left.k, self.size, range_m), np.zeros(6)
+        left, right = (project(self.numbers, nowhere, points)[0] for project in (project_left, project_right))
+        seen = inside(left, self.size) & inside(right, self.size)
+        return points[seen], left[seen], right[seen]
 
     def located(self, left: Matrix, right: Matrix) -> Matrix:
         """Points seen by both cameras, by the disparity of their rectified pixels, as a matcher would.

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from uw_recon_ros.calibrate.bundle import LEAST_HELD_OUT, Bundle, SeenPair, fit_pose, rms_px, without_folds
-from uw_recon_ros.calibrate.optics import project_left, project_right
 from uw_recon_ros.calibrate.rig import RigNumbers
 from uw_recon_ros.types import Matrix
 
 RANGES_M = (0.5, 1.0, 2.0, 3.0, 5.0)
-_GRID = 5  # directions across the image, each way
 
 
 @dataclass(frozen=True)
@@ -34,25 +33,30 @@ class DepthError:
     worst_percent: float
 
 
-def common_view(rig: RigNumbers, range_m: float) -> tuple[Matrix, Matrix, Matrix]:
-    """Places at a depth that both cameras see: points (N, 3) m in the left frame, and their pixels (N, 2)."""
-    width, height = rig.size
-    u, v = np.meshgrid(np.linspace(0, width - 1, 2 * _GRID + 1)[1::2], np.linspace(0, height - 1, 2 * _GRID + 1)[1::2])
-    k = rig.calibration.left.k
-    rays = np.linalg.solve(k, np.stack([u.ravel(), v.ravel(), np.ones(u.size)])).T
-    points, nowhere = range_m * rays, np.zeros(6)
-    left, right = project_left(rig.numbers, nowhere, points)[0], project_right(rig.numbers, nowhere, points)[0]
-    seen = np.all((left >= 0) & (right >= 0) & (np.maximum(left, right) <= np.array(rig.size) - 1), axis=1)
-    return points[seen], left[seen], right[seen]
+class Locates(Protocol):
+    """A rig by its numbers, whatever stands before its cameras."""
+
+    @property
+    def numbers(self) -> Matrix:
+        """What the covariance is of."""
+
+    def moved(self, by: Matrix) -> Locates:
+        """The rig of numbers that differ."""
+
+    def common_view(self, range_m: float) -> tuple[Matrix, Matrix, Matrix]:
+        """Places at a depth that both cameras see, see `rig.RigNumbers`."""
+
+    def located(self, left: Matrix, right: Matrix) -> Matrix:
+        """(N, 3) points of pixels, m."""
 
 
-def depth_sigmas(rig: RigNumbers, covariance: Matrix, range_m: float) -> tuple[Matrix, Matrix]:
+def depth_sigmas(rig: Locates, covariance: Matrix, range_m: float) -> tuple[Matrix, Matrix]:
     """Relative standard deviation of depth by the calibration at places both cameras see.
 
     Parameters
     ----------
-    rig : RigNumbers
-    covariance : (24, 24) float64
+    rig : Locates
+    covariance : (n, n) float64
     range_m : float
 
     Returns
@@ -60,7 +64,7 @@ def depth_sigmas(rig: RigNumbers, covariance: Matrix, range_m: float) -> tuple[M
     (N, 3), (N,) float64
         Points in the left frame, m; sigma over depth.
     """
-    points, left, right = common_view(rig, range_m)
+    points, left, right = rig.common_view(range_m)
     if not len(points):
         return points, np.empty(0)
     values, vectors = np.linalg.eigh(covariance)
@@ -68,19 +72,17 @@ def depth_sigmas(rig: RigNumbers, covariance: Matrix, range_m: float) -> tuple[M
     for value, vector in zip(values, vectors.T, strict=True):
         if value <= 0:
             continue
-        there, back = (
-            replace(rig, numbers=rig.numbers + sign * np.sqrt(value) * vector).located(left, right) for sign in (1, -1)
-        )
+        there, back = (rig.moved(sign * np.sqrt(value) * vector).located(left, right) for sign in (1, -1))
         changes.append((there[:, 2] - back[:, 2]) / 2)
     return points, np.sqrt(np.sum(np.square(changes), axis=0)) / points[:, 2]
 
 
-def depth_errors(rig: RigNumbers, covariance: Matrix) -> tuple[DepthError, ...]:
+def depth_errors(rig: Locates, covariance: Matrix) -> tuple[DepthError, ...]:
     """The table that decides: depth error in percent at each of `RANGES_M`."""
     return tuple(_depth_error(rig, covariance, range_m) for range_m in RANGES_M)
 
 
-def _depth_error(rig: RigNumbers, covariance: Matrix, range_m: float) -> DepthError:
+def _depth_error(rig: Locates, covariance: Matrix, range_m: float) -> DepthError:
     points, sigmas = depth_sigmas(rig, covariance, range_m)
     if not len(points):
         return DepthError(range_m, *([float("nan")] * 3))

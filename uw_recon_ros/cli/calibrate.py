@@ -47,6 +47,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="medium between camera housing and board",
     )
     parser.add_argument(
+        "--air", metavar="FILE",
+        help="calibration.json made in air: find the flat ports before its cameras, from these pictures in water",
+    )  # fmt: skip
+    parser.add_argument(
+        "--port-thickness-mm", type=float, default=6.0, metavar="MM", help="of the pane, with --air (%(default)g)"
+    )
+    parser.add_argument(
+        "--port-index", type=float, default=1.49, metavar="N", help="acrylic 1.49 (default), glass 1.52"
+    )
+    parser.add_argument(
+        "--water-index", type=float, default=1.333, metavar="N", help="fresh 1.333 (default), sea 1.342"
+    )
+    parser.add_argument(
         "--most-pairs",
         type=int,
         default=150,
@@ -58,20 +71,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Calibrate, and say what came of it."""
-    from uw_recon_ros.calibrate_files import BoardAsked, calibrate_files
+    from uw_recon_ros.calibrate.ports import PortGlass
+    from uw_recon_ros.calibrate_files import BoardAsked, PortsAsked, air_rig, calibrate_files
 
     if not 4 <= args.most_pairs <= 10_000:
         raise UsageError(f"--most-pairs: expected 4 to 10000, got {args.most_pairs}")
     if not (0 <= args.square_mm <= 1e4 and 0 <= args.marker_mm <= 1e4):
         raise UsageError(f"--square-mm, --marker-mm: expected 0 to 10000, got {args.square_mm:g}, {args.marker_mm:g}")
+    glass = args.port_thickness_mm, args.port_index, args.water_index
+    if not (0 <= glass[0] <= 200 and 1 <= glass[1] <= 2.5 and 1.2 <= glass[2] <= 1.5):
+        raise UsageError(f"ports: expected a thickness of 0 to 200 mm and refractive indices, got {glass}")
+    if args.air and (args.medium == "air" or not args.square_mm):
+        raise UsageError("--air: expected pictures taken in water, with --square-mm")
+    ports = PortsAsked(air_rig(args.air), PortGlass(glass[0] / 1e3, *glass[1:])) if args.air else None
     asked = BoardAsked(args.board, _size(args.size), args.square_mm / 1e3, args.marker_mm / 1e3, args.dictionary)
     report = calibrate_files(
-        args.input, args.output, asked, medium=args.medium, most_pairs=args.most_pairs, overwrite=args.overwrite,
+        args.input, args.output, asked, medium=args.medium, most_pairs=args.most_pairs, ports=ports,
+        overwrite=args.overwrite,
         progress=lambda frames: Progress().watch(frames, "pairs", len(frames)),
     )  # fmt: skip
     for out in report["left_out"]:
         say(f"left out: {out['name']}: {out['text']}")
-    warn(report["warnings"])
+    warn([finding for finding in report["warnings"] if finding["severity"] != "ok"])
+    for finding in report["warnings"]:
+        if finding["severity"] == "ok":
+            say(finding["text"])
     at_1_m = next((e["mean_percent"] for e in report["depth_errors"] if e["range_m"] == 1.0), None)
     depth = "not known" if at_1_m is None else f"{at_1_m:.2g} %"
     say(

@@ -45,7 +45,7 @@ def write_calibration_page(
     size = int(report["image_width"]), int(report["image_height"])
     sections = [
         _depth(report), _advice(report), _coverage(points, size), _residuals(points, size, float(report["noise_px"])),
-        _numbers(report), _pairs(report), _left_out(report, notes),
+        _ports(report), _numbers(report), _pairs(report), _left_out(report, notes),
     ]  # fmt: skip
     write_page(path, "Calibration of a stereo rig", _summary(report), [s for s in sections if s is not None])
 
@@ -61,6 +61,7 @@ def _summary(report: Mapping[str, Any]) -> Summary:
           if e["range_m"] in (1.0, 3.0)),
     ]  # fmt: skip
     medium = "an untold medium" if report["medium"] == "unknown" else report["medium"]
+    medium += ", then in water behind flat ports," if report["ports"] else ""
     size = f"{report['image_width']} x {report['image_height']} px"
     lead = f"Made in {medium} with a {report['board']['text']}, {size}."
     alarms = tuple(w["text"] for w in report["warnings"] if w["severity"] == "unreliable")
@@ -225,6 +226,27 @@ def _numbers(report: Mapping[str, Any]) -> Section:
 def _value(report: Mapping[str, Any], name: str) -> str:
     value, sigma = report["parameters"][name], report["sigmas"][name]
     return "0 (held)" if sigma == 0 else f"{value:.6g} ± {sigma:.2g}"
+
+
+def _ports(report: Mapping[str, Any]) -> Section | None:
+    ports = report["ports"]
+    if ports is None:
+        return None
+    sigmas, found = report["sigmas"], report["parameters"]
+    rows = [
+        ("from the lens to the pane", f"{1000 * ports['distance_m']:.1f} ± {1000 * sigmas['port_distance']:.1f} mm"),
+        ("thickness (told)", f"{1000 * ports['thickness_m']:.1f} mm"),
+        ("indices of pane and water (told)", f"{ports['glass']:g}, {ports['water']:g}"),
+    ]
+    for side in ("left", "right"):
+        names = [f"{side}_lean_{axis}" for axis in "xy"]
+        turns = (f"{np.rad2deg(found[name]):.2f} ± {np.rad2deg(sigmas[name]):.2f}°" for name in names)
+        rows.append((f"{side} pane turned to the right, down", ", ".join(turns)))
+    text = (
+        "Found from the board in water; the rig's own numbers moved as far as their covariance in air let them. Given "
+        "calibration.json, pair and survey trace rays through these ports."
+    )
+    return Section("Flat ports", text, rows=rows)
 
 
 def _pairs(report: Mapping[str, Any]) -> Section:
