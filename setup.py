@@ -19,6 +19,7 @@ NODES = [
     "pipeline_node",
     "odometry_node",
     "model_node",
+    "calibrate_node",
     "bag_player_node",
 ]
 MESSAGES = ["sensor-msgs", "nav-msgs", "stereo-msgs", "diagnostic-msgs", "std-srvs", "visualization-msgs"]

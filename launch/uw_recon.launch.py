@@ -43,6 +43,7 @@ SHOWN = (
     "model/submap",
     "model/points",
     "model/surface",
+    "calibration/coverage",
 )
 REFUSED = 2  # exit code of a node that does not take its parameters
 

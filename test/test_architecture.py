@@ -65,17 +65,19 @@ MAY_IMPORT = {
     "measure": NOUNS | {"measure"},
     "measure_files": NOUNS | {"measure", "survey"},
     "calibrate_files": NOUNS | {"calibrate", "recordings", "bags", "report"},
+    "calibrate_live": NOUNS | {"calibrate", "calibrate_files"},
     "pair": OFFLINE | {"given_pair", "recordings", "report", "warm"},
     "doctor": NOUNS | {"rectify", "node_params", "doctor"},
     "ros": NOUNS | STAGE_ROOMS | NODE_PARAMS | {"ros", "doctor", "messages"},
-    "nodes": OFFLINE | {"ros", "nodes", "bags", "track", "fuse", "live", "model"},
+    "nodes": OFFLINE
+    | {"ros", "nodes", "bags", "track", "fuse", "live", "model", "calibrate", "calibrate_files", "calibrate_live"},
     "survey": OFFLINE | {"survey", "recordings", "bags", "report", "messages", "warm"},
     "model": OFFLINE
     | {"survey", "recordings", "report", "bags", "track", "locate", "fuse", "drape", "georeference", "model"},
     "executables": {"", "signals"},
     "cli": OFFLINE
     | {"cli", "pair", "warm", "bags", "recordings", "simulate", "report", "survey", "model", "doctor", "ros"}
-    | {"calibrate_files", "measure_files"},
+    | {"calibrate", "calibrate_files", "measure_files", "nodes"},
 }
 ROS_PACKAGES = re.compile(r"rclpy|rcl_interfaces|builtin_interfaces|ament_index_python|\w+_msgs|std_srvs|launch(_ros)?")
 MODULES = sorted(PACKAGE.rglob("*.py"))

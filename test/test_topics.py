@@ -13,6 +13,7 @@ from uw_recon_ros.topics import CAMERAS, TOPICS, find_topic, published_by
 
 ROOT = Path(__file__).parent.parent
 NODES = ("preprocess_node", "rectify_node", "disparity_node", "point_cloud_node", "odometry_node", "model_node")
+NODES += ("calibrate_node",)
 NAMES = {topic.name for topic in TOPICS}
 
 
@@ -47,6 +48,7 @@ def test_launch_file_shows_topics_of_the_table() -> None:
 
 #: Came after the contract was written; they take nothing away from it.
 NEWER = {"obstacles", "range", "odometry", "path", "model/submap", "model/points", "model/surface"}
+NEWER |= {"calibration/coverage"}
 
 
 def test_interface_file_names_them() -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 from xml.sax.saxutils import escape, quoteattr
 
 from uw_recon_ros.nodes import (
+    calibrate_node,
     disparity_node,
     model_node,
     odometry_node,
@@ -68,6 +69,7 @@ def profiles() -> tuple[Profile, ...]:
         _stage("pipeline_node", pipeline_node.INPUTS, pipeline_node.OUTPUTS, rectified_frame.TOPIC),
         _stage("odometry_node", odometry_node.INPUTS, odometry_node.OUTPUTS, transforms.TOPIC),
         _stage("model_node", model_node.INPUTS, model_node.OUTPUTS, transforms.TOPIC, services=("save",)),
+        _stage("calibrate_node", calibrate_node.CAMERAS, calibrate_node.OUTPUTS, services=("calibrate",)),
         Profile(
             "bag_player_node",
             frozenset(cameras | {"/clock", "/rosout", "/parameter_events"}),

@@ -184,7 +184,7 @@ class Pictures:
                 except ReconError as error:
                     self.unusable.append(LeftOut(name, str(error), error.code))
                 else:
-                    yield Seen(name, _gray(pair.left), _gray(pair.right))
+                    yield Seen(name, as_gray(pair.left), as_gray(pair.right))
         finally:
             self._reader.close()
 
@@ -195,7 +195,8 @@ class Pictures:
         return f"pair at {frame.stamp_ns / 1e9:.3f} s"
 
 
-def _gray(image: RawImage) -> ByteImage:
+def as_gray(image: RawImage) -> ByteImage:
+    """(H, W) uint8 of an image as it came."""
     gray = to_gray(image)
     return gray if gray.dtype == np.uint8 else np.asarray(gray >> 8, np.uint8)
 
@@ -285,18 +286,23 @@ def _nothing_seen(last: Seen | None, board: Board, left_out: Sequence[LeftOut]) 
 
 
 def calibrate_frames(
-    frames: Iterable[Seen],
-    board: Board,
-    *,
-    metric: bool = True,
-    medium: str = "unknown",
+    frames: Iterable[Seen], board: Board, *, metric: bool = True, medium: str = "unknown",
     ports: PortsAsked | None = None,
-) -> Result:
+) -> Result:  # fmt: skip
+    """Look for the board in pictures, and calibrate; see `calibrate_seen`."""
+    return calibrate_seen(see_boards(frames, board), board, metric=metric, medium=medium, ports=ports)
+
+
+def calibrate_seen(
+    boards: tuple[Sequence[SeenPair], Sequence[LeftOut], tuple[int, int]], board: Board, *, metric: bool = True,
+    medium: str = "unknown", ports: PortsAsked | None = None,
+) -> Result:  # fmt: skip
     """Calibrate a rig, or find the ports before one that was calibrated in air.
 
     Parameters
     ----------
-    frames : iterable of Seen
+    boards : pairs, those that show none, (width, height)
+        As `see_boards` finds them.
     board : Board
     metric : bool
         Whether the board's squares are known.
@@ -310,7 +316,7 @@ def calibrate_frames(
     CalibrationError
         No calibration comes of it; the text says why.
     """
-    seen, unseen, size = see_boards(frames, board)
+    seen, unseen, size = boards
     sharp, blurred = sharp_ones(seen)
     different, same = different_ones(sharp, size)
     if ports is not None and ports.air.size != size:

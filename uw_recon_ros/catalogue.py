@@ -6,6 +6,7 @@ from uw_recon_ros.live.params import LiveModelParams
 from uw_recon_ros.match.stage import MatchParams
 from uw_recon_ros.mount import MountParams
 from uw_recon_ros.node_params import (
+    CalibrateNodeParams,
     CameraParams,
     CloudParams,
     DisparityMessageParams,
@@ -27,6 +28,7 @@ NODES: dict[str, tuple[type[Params], ...]] = {
     "rectify_node": (RectifyParams,),
     "disparity_node": (MatchParams, DisparityMessageParams, RateParams),
     "point_cloud_node": (ReconstructParams, ObstacleParams, MountParams, DisparityMessageParams, CloudParams),
+    "calibrate_node": (CalibrateNodeParams, CameraParams),
     "odometry_node": (OdometryNodeParams, OdometryParams, MountParams, DisparityMessageParams, CloudParams),
     "model_node": (ModelNodeParams, LiveModelParams, MountParams, DisparityMessageParams, CloudParams),
 }

@@ -71,6 +71,11 @@ def model_node() -> None:
     _run("model_node")
 
 
+def calibrate_node() -> None:
+    """Run the node of this name until it is interrupted."""
+    _run("calibrate_node")
+
+
 def bag_player_node() -> None:
     """Play a bag."""
     _run("bag_player_node")

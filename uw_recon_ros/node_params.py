@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from uw_recon_ros.board_kinds import CHECKERBOARD, KINDS
 from uw_recon_ros.bounds import LARGEST_PIXELS
 from uw_recon_ros.pairing import PAIR_TOLERANCE_MS
 from uw_recon_ros.params import Params, param
@@ -114,3 +115,25 @@ class ModelNodeParams(Params):
         "",
         "Folder that ~/save writes to, empty or not there before; frames wait on the disk for it. Empty: no files.",
     )
+
+
+@dataclass(frozen=True)
+class CalibrateNodeParams(Params):
+    """What the calibrating node knows besides."""
+
+    board: str = param(CHECKERBOARD, "Kind of the board that is held before the cameras.", choices=KINDS)
+    board_columns: int = param(
+        0, "Inner corners of a checkerboard across, squares of ChArUco, tags or circles; 0: a checkerboard's is found.",
+        low=0, high=200,
+    )  # fmt: skip
+    board_rows: int = param(0, "The same down.", low=0, high=200)
+    board_square_mm: float = param(
+        0.0, "Side of a square, or from tag to tag, or from circle to circle; 0: not known, and nothing is in metres.",
+        unit="mm", low=0.0, high=1e4,
+    )  # fmt: skip
+    board_marker_mm: float = param(0.0, "Side of a marker; 0: the usual share.", unit="mm", low=0.0, high=1e4)
+    board_dictionary: str = param("", "Of a ChArUco board's markers, e.g. DICT_5X5_250.")
+    board_medium: str = param("unknown", "What the board is held in.", choices=("water", "air", "unknown"))
+    calibration_dir: str = param("", "Folder that the calibration is written into; empty: nothing is written.")
+    calibration_overwrite: bool = param(False, "Whether files of an earlier session may be replaced in that folder.")
+    calibration_pairs: int = param(150, "Pairs kept at most.", low=4, high=2000)

@@ -59,7 +59,7 @@ def _both(name: str, kind: str, by: str, about: str, encoding: str = "") -> Iter
 
 
 _PREPROCESS, _RECTIFY, _DISPARITY, _CLOUD = "preprocess_node", "rectify_node", "disparity_node", "point_cloud_node"
-_ODOMETRY, _MODEL = "odometry_node", "model_node"
+_ODOMETRY, _MODEL, _CALIBRATE = "odometry_node", "model_node", "calibrate_node"
 #: In the order in which one pair's messages are published.
 TOPICS = (
     *_both("{}/image_raw", IMAGE, CAMERAS, "Image of the {} camera."),
@@ -91,6 +91,8 @@ TOPICS = (
     Topic("surface", MARKER, _CLOUD, "Triangles with colours.", unit="m, or baselines", latched=True),
     Topic("odometry", ODOMETRY, _ODOMETRY, "Pose since the start and velocity, with covariance; nothing while lost.",
           unit="m, rad", metric=True),
+    Topic("calibration/coverage", IMAGE, _CALIBRATE, "Both pictures of a board, the parts it was seen in, what to do "
+          "next.", "bgr8"),
     Topic("path", PATH, _ODOMETRY, "Where the vehicle has been.", unit="m", latched=True, metric=True),
     Topic("model/submap", POINT_CLOUD, _MODEL, "The submap that was closed last.", unit="m", metric=True),
     Topic("model/points", POINT_CLOUD, _MODEL, "All closed submaps, moved as loops say.", unit="m", latched=True,

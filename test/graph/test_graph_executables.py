@@ -16,7 +16,7 @@ from uw_recon_ros.bags.writer import BagWriter
 
 pytestmark = [pytest.mark.graph, pytest.mark.timeout(3600)]
 STAGE_NODES = ["preprocess_node", "rectify_node", "disparity_node", "point_cloud_node", "pipeline_node"]
-STAGE_NODES += ["odometry_node", "model_node"]
+STAGE_NODES += ["odometry_node", "model_node", "calibrate_node"]
 SECOND = 1_000_000_000
 
 

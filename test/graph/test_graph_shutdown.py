@@ -24,6 +24,7 @@ STAGE_NODES = (
     "pipeline_node",
     "odometry_node",
     "model_node",
+    "calibrate_node",
 )
 ALL = (*STAGE_NODES, "bag_player_node")
 BAG = Path(__file__).parents[2] / "bags" / "amphora"

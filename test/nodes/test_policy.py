@@ -16,6 +16,7 @@ from helpers.ros_bench import Bench
 
 from uw_recon_ros.bags import open_bag
 from uw_recon_ros.nodes import (
+    calibrate_node,
     disparity_node,
     model_node,
     odometry_node,
@@ -39,6 +40,7 @@ STAGES: dict[str, tuple[Any, Any, Any]] = {
     "pipeline_node": (pipeline_node.PipelineNode, pipeline_node.INPUTS, pipeline_node.OUTPUTS),
     "model_node": (model_node.ModelNode, model_node.INPUTS, model_node.OUTPUTS),
     "odometry_node": (odometry_node.OdometryNode, odometry_node.INPUTS, odometry_node.OUTPUTS),
+    "calibrate_node": (calibrate_node.CalibrateNode, calibrate_node.CAMERAS, calibrate_node.OUTPUTS),
 }
 
 

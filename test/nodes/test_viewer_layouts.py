@@ -14,12 +14,12 @@ from diagnostic_msgs.msg import DiagnosticArray
 from helpers.ros_bench import Bench, banded_pair, color, infos, stamped
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
-from uw_recon_ros.nodes import model_node, odometry_node, pipeline_node
+from uw_recon_ros.nodes import calibrate_node, model_node, odometry_node, pipeline_node
 from uw_recon_ros.nodes.pipeline_node import PipelineNode
 
 ROOT = Path(__file__).parents[2]
 RVIZ, FOXGLOVE = ROOT / "config" / "rviz" / "uw_recon.rviz", ROOT / "config" / "foxglove" / "uw_recon.json"
-OUTPUTS = (*pipeline_node.OUTPUTS, *odometry_node.OUTPUTS, *model_node.OUTPUTS)
+OUTPUTS = (*pipeline_node.OUTPUTS, *odometry_node.OUTPUTS, *model_node.OUTPUTS, *calibrate_node.OUTPUTS)
 #: All topics by message, cameras included: absolute, as without a name space.
 TYPES = {
     **{f"/{topic.name}": topic.type.__name__ for wanted in pipeline_node.INPUTS for topic in wanted.alternatives},

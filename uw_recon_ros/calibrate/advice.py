@@ -46,11 +46,12 @@ def describe(bundle: Bundle, pairs: Sequence[SeenPair], points: Matrix, size: tu
     turns = Rotation.from_rotvec(bundle.poses[:, :3])
     middles = turns.apply(points.mean(axis=0)) + bundle.poses[:, 3:]
     tilt = np.rad2deg(np.arccos(np.clip(np.abs(turns.as_matrix()[:, 2, 2]), 0, 1)))
-    left, right = (_counts(sightings, size) for sightings in ([p.left for p in pairs], [p.right for p in pairs]))
+    left, right = (cell_counts(sightings, size) for sightings in ([p.left for p in pairs], [p.right for p in pairs]))
     return Session((left, right), tilt, np.linalg.norm(middles, axis=1))
 
 
-def _counts(sightings: Sequence[Sighting], size: tuple[int, int]) -> Matrix:
+def cell_counts(sightings: Sequence[Sighting], size: tuple[int, int]) -> Matrix:
+    """(rows, columns) points seen in each part of an image."""
     everything = np.concatenate([sighting.pixels for sighting in sightings])
     counts, _, _ = np.histogram2d(
         everything[:, 1], everything[:, 0], bins=(_CELLS[1], _CELLS[0]), range=((0, size[1]), (0, size[0]))
@@ -91,14 +92,19 @@ def _depth(errors: Sequence[DepthError], pairs: int) -> Iterator[Finding]:
 
 def _coverage(session: Session) -> Iterator[Finding]:
     for side, counts in zip(("left", "right"), session.coverage, strict=True):
-        share = float((counts > 0).mean())
+        share = covered(counts)
         if share < _COVERED:
             text = f"{side} image: the board was seen in {share:.0%} of its parts, expected at least {_COVERED:.0%}"
-            advice = f"hold the board towards the {_emptiest(counts)}"
+            advice = f"hold the board towards the {emptiest(counts)}"
             yield Finding(Code.CALIBRATE_COVERAGE, text, Severity.WARN, advice)
 
 
-def _emptiest(counts: Matrix) -> str:
+def covered(counts: Matrix) -> float:
+    """Share of an image's parts in which the board was seen, 0 to 1."""
+    return float((counts > 0).mean())
+
+
+def emptiest(counts: Matrix) -> str:
     """The quarter of the image with the most empty cells."""
     rows, columns = counts.shape
     down, across = (rows + 1) // 2, (columns + 1) // 2

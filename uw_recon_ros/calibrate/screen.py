@@ -52,14 +52,20 @@ def sharp_ones(pairs: Sequence[SeenPair]) -> tuple[list[SeenPair], list[LeftOut]
 
 def different_ones(pairs: Sequence[SeenPair], size: tuple[int, int]) -> tuple[list[SeenPair], list[LeftOut]]:
     """Split off pairs that show the board where an earlier one shows it, so that a still board does not outvote."""
-    kept, same, limit = list[SeenPair](), list[LeftOut](), _SAME_PLACE * float(np.hypot(*size))
+    kept, same = list[SeenPair](), list[LeftOut]()
     for pair in pairs:
-        twin = next((other for other in kept if _moved(pair, other) < limit), None)
+        twin = seen_before(pair, kept, size)
         if twin is None:
             kept.append(pair)
         else:
             same.append(LeftOut(pair.name, f"shows the board where {twin.name} does", Code.CALIBRATE_DUPLICATE))
     return kept, same
+
+
+def seen_before(pair: SeenPair, others: Sequence[SeenPair], size: tuple[int, int]) -> SeenPair | None:
+    """One of others that shows the board in the same place."""
+    limit = _SAME_PLACE * float(np.hypot(*size))
+    return next((other for other in others if _moved(pair, other) < limit), None)
 
 
 def _moved(pair: SeenPair, other: SeenPair) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
+from pathlib import Path
 
 from uw_recon_ros.board_kinds import CHECKERBOARD, KINDS
 from uw_recon_ros.cli.common import OK, UsageError, warn
@@ -19,7 +20,9 @@ EPILOG = "Exit code: 0 done, also where the calibration is marked unreliable; 1 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what it takes."""
-    parser.add_argument("input", help="folder with the stills of both cameras (left/, right/), a bag, or videos")
+    parser.add_argument(
+        "input", nargs="?", help="folder with the stills of both cameras (left/, right/), a bag, or videos"
+    )
     parser.add_argument("-o", "--output", required=True, metavar="DIR", help="folder to fill; index.html shows it all")
     parser.add_argument("--board", choices=KINDS, default=CHECKERBOARD, help="kind of board (default %(default)s)")
     parser.add_argument(
@@ -66,6 +69,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="pairs searched for the board at most, spread over the input (default %(default)s)",
     )
+    parser.add_argument(
+        "--live", action="store_true", help="gather pairs from running cameras (ROS 2) until Ctrl-C, then calibrate"
+    )
+    for side in ("left", "right"):
+        parser.add_argument(
+            f"--{side}-topic", default=f"{side}/image_raw", metavar="TOPIC", help="with --live (%(default)s)"
+        )
     parser.add_argument("--overwrite", action="store_true", help="replace files of an earlier run")
 
 
@@ -78,6 +88,10 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f"--most-pairs: expected 4 to 10000, got {args.most_pairs}")
     if not (0 <= args.square_mm <= 1e4 and 0 <= args.marker_mm <= 1e4):
         raise UsageError(f"--square-mm, --marker-mm: expected 0 to 10000, got {args.square_mm:g}, {args.marker_mm:g}")
+    if args.live:
+        return _live(args)
+    if args.input is None:
+        raise UsageError("expected a folder, bag or video, or --live, got neither")
     glass = args.port_thickness_mm, args.port_index, args.water_index
     if not (0 <= glass[0] <= 200 and 1 <= glass[1] <= 2.5 and 1.2 <= glass[2] <= 1.5):
         raise UsageError(f"ports: expected a thickness of 0 to 200 mm and refractive indices, got {glass}")
@@ -103,6 +117,33 @@ def run(args: argparse.Namespace) -> int:
         f"error at 1 m {depth}{'' if report['reliable'] else ', NOT RELIABLE: see the warnings'}"
     )
     return OK
+
+
+def _live(args: argparse.Namespace) -> int:
+    """Run the node with what was told; it writes at the end."""
+    if args.input or args.air:
+        raise UsageError("--live: expected no input and no --air: pictures come from the topics")
+
+    try:
+        from uw_recon_ros.nodes.calibrate_node import main
+    except ImportError as error:
+        raise UsageError(f"--live: expected ROS 2 (rclpy), it cannot be loaded: {error}") from error
+    columns, rows = _size(args.size) or (0, 0)
+    told = {
+        "board": args.board, "board_columns": columns, "board_rows": rows, "board_square_mm": float(args.square_mm),
+        "board_marker_mm": float(args.marker_mm), "board_dictionary": args.dictionary, "board_medium": args.medium,
+        "calibration_dir": args.output, "calibration_pairs": args.most_pairs,
+        "calibration_overwrite": str(args.overwrite).lower(),
+    }  # fmt: skip
+    words = [word for name, value in told.items() if value != "" for word in ("-p", f"{name}:={value}")]
+    for side, topic in (("left", args.left_topic), ("right", args.right_topic)):
+        words += ["-r", f"{side}/image_raw:={topic}", "-r", f"{side}/image_raw/compressed:={topic}/compressed"]
+    if Path(args.output).exists() and any(Path(args.output).iterdir()) and not args.overwrite:
+        raise UsageError(
+            f"{args.output}: expected a new or empty folder, got one with files; --overwrite replaces them"
+        )
+    say("show the board to both cameras; Ctrl-C ends and calibrates; see /diagnostics and calibration/coverage")
+    return main(["--ros-args", *words])
 
 
 def _size(text: str | None) -> tuple[int, int] | None:
