@@ -1,6 +1,7 @@
 """The four nodes as processes under a live load: how fresh, how steady, and what each costs.
 
-Usage: python test/benchmark/graph_load.py [--rates 5 10 15] [--seconds 20] [--size 640x480] [--output FILE.json]
+Usage: python test/benchmark/graph_load.py [--rates 5 10 15] [--seconds 20] [--size 640x480] [--odometry]
+    [--output FILE]
 
 A simulated dive of known depth is played in real time to the four nodes, each a process, with
 ``config/navigation.yaml`` and 64 disparities; the listener takes what a navigation stack takes, ``points2_filtered``
@@ -10,6 +11,7 @@ and ``depth/image_rect``. For each camera rate:
 - latency: from the moment the player sends a pair (the middleware's source time stamp) to that of having its cloud;
 - dropped: pairs that were overtaken, in percent;
 - CPU: of each node, ms a pair it worked on, and in percent of one core;
+- odometry: with ``--odometry`` odometry_node runs beside them; its messages a second;
 - error: median of |Z - true Z| / true Z over the points of ``points2_filtered``, in percent.
 
 Wall times mean something on an idle machine only; CPU times a pair do elsewhere too.
@@ -38,6 +40,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from helpers.graph_bench import FOUR, Bench, Graph
 from helpers.process_watch import Usage, usage
+from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from uw_recon_ros.bags.writer import BagWriter
@@ -91,6 +94,7 @@ class Heard:
 
     sent: dict[int, int] = field(default_factory=dict)
     clouds: dict[int, int] = field(default_factory=dict)
+    odometry: list[int] = field(default_factory=list)
     depths: dict[int, int] = field(default_factory=dict)
     kept: list[PointCloud2] = field(default_factory=list)
     nodes: defaultdict[str, dict[str, str]] = field(default_factory=lambda: defaultdict(dict))
@@ -100,6 +104,7 @@ class Heard:
         make = bench.outsider.create_subscription
         make(CameraInfo, "left/camera_info", self._on_info, 50)
         make(PointCloud2, "points2_filtered", self._on_cloud, 5)
+        make(Odometry, "odometry", lambda m: self.odometry.append(time.time_ns()), 50)
         make(Image, "depth/image_rect", lambda m: self.depths.setdefault(stamp_ns(m), time.time_ns()), 5)
         make(DiagnosticArray, "/diagnostics", self._on_diagnostics, 50)
 
@@ -119,7 +124,7 @@ class Heard:
             self.nodes[status.name.rsplit("/", 1)[-1]] = {pair.key: pair.value for pair in status.values}
 
 
-def run(sea: Sea, camera_hz: float, work: Path, parameters: list[str]) -> dict[str, Any]:
+def run(sea: Sea, camera_hz: float, work: Path, parameters: list[str], names: tuple[str, ...] = FOUR) -> dict[str, Any]:
     """Play the bag at one rate; return what was measured."""
     bench, heard = Bench(), Heard()
     logs = work / f"{camera_hz:g}Hz"
@@ -128,8 +133,8 @@ def run(sea: Sea, camera_hz: float, work: Path, parameters: list[str]) -> dict[s
     try:
         heard.listen(bench)
         arguments = ["--ros-args", "--params-file", NAVIGATION, *parameters]
-        nodes = {name: graph.start(name, *arguments).process.pid for name in FOUR}
-        graph.connected(*FOUR)
+        nodes = {name: graph.start(name, *arguments).process.pid for name in names}
+        graph.connected(*names)
         topics = [f"/{side}/{topic}" for side in ("left", "right") for topic in ("image_raw", "camera_info")]
         player = graph.start("bag_player_node", sea.path, "--rate", camera_hz / RECORDED_HZ, "--wait-for", *topics)
         nodes["bag_player_node"] = player.process.pid
@@ -155,13 +160,16 @@ def summary(
     sent = {stamp: at for stamp, at in heard.sent.items() if first <= at <= final}
     latencies = sorted((heard.clouds[s] - sent[s]) * 1e-9 for s in heard.clouds.keys() & sent.keys())
     clouds = sum(first <= at <= final for at in heard.clouds.values())
-    pairs = {name: seconds * heard.rate(name) for name in FOUR} | {"bag_player_node": len(sent)}
+    pairs = {name: seconds * heard.rate(name) for name in begin if name != "bag_player_node"} | {
+        "bag_player_node": len(sent)
+    }
     gaps = np.diff(sorted(heard.clouds.values())) * 1e-9
     return {
         "seconds": seconds,
         "cameras_hz": len(sent) / seconds,
         "clouds_hz": clouds / seconds,
         "depths_hz": sum(first <= at <= final for at in heard.depths.values()) / seconds,
+        "odometry_hz": sum(first <= at <= final for at in heard.odometry) / seconds,
         "latency_p50_s": statistics.median(latencies),
         "latency_p95_s": latencies[int(0.95 * (len(latencies) - 1))],
         "latency_max_s": latencies[-1],
@@ -189,6 +197,8 @@ def show(rate: float, result: dict[str, Any]) -> None:
         f"{result['latency_max_s']:.3f} s, longest gap {result['longest_gap_s']:.2f} s, dropped "
         f"{result['dropped_percent']:.0f} %, error {result['error_percent']:.2f} %"
     )
+    if result["odometry_hz"]:
+        print(f"    odometry {result['odometry_hz']:.2f} Hz")
     for name, node in result["nodes"].items():
         print(
             f"    {name:18s}{node['cpu_ms_a_pair']:7.1f} ms CPU a pair {node['cpu_percent']:6.1f} % of a core "
@@ -205,15 +215,16 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=20.0, help="of the bag, at 10 Hz")
     parser.add_argument("--size", default="640x480")
     parser.add_argument("--max-disparity", type=int, default=63)
+    parser.add_argument("--odometry", action="store_true", help="odometry_node beside them")
     parser.add_argument("--output", type=Path)
     args = parser.parse_args()
     width, height = map(int, args.size.split("x"))
     parameters = ["-p", "min_disparity:=0", "-p", f"max_disparity:={args.max_disparity}"]
-    results = {}
+    results, names = {}, (*FOUR, "odometry_node") if args.odometry else FOUR
     with tempfile.TemporaryDirectory(prefix="uw_recon_load_") as folder:
         sea = Sea(Path(folder) / "sea", width, height, round(args.seconds * RECORDED_HZ))
         for rate in args.rates:
-            results[f"{rate:g}"] = run(sea, rate, Path(folder), parameters)
+            results[f"{rate:g}"] = run(sea, rate, Path(folder), parameters, names)
             show(rate, results[f"{rate:g}"])
     if args.output:
         args.output.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")

@@ -108,6 +108,28 @@ def test_odometry_of_the_base_is_carried_to_the_camera_by_tf_static(tmp_path: Pa
     assert outside.crs is LOCAL
 
 
+def test_tf_of_the_base_serves_where_there_is_no_odometry(tmp_path: Path) -> None:
+    mount = np.eye(4)
+    mount[:3, :3], mount[:3, 3] = Rotation.from_rotvec([0.3, -1.2, 0.4]).as_matrix(), [0.5, -0.2, 0.1]
+
+    def extra(writer: BagWriter) -> None:
+        writer.message("/tf_static", tf([("base", LEFT_FRAME, mount)]), log_time_ns=START_NS)
+        for k in range(40):
+            at, stamp = course().pose(k / 2), START_NS + k * 500_000_000
+            raw = np.eye(4)
+            raw[:3, :3], raw[:3, 3] = at.rotation, at.position
+            joints = [("odom", "base", raw @ np.linalg.inv(mount)), ("base", "arm", np.eye(4))]
+            writer.message("/tf", tf(joints, stamp), log_time_ns=stamp)
+
+    outside = read_outside([bag(tmp_path, extra, drop=("/gnss/fix",))], TURN)
+    found = named(outside, "/tf odom to base")
+    np.testing.assert_allclose(found.poses, true_poses(found.stamps_ns), atol=1e-9)
+    assert (found.smooth, found.absolute) == (True, True)
+    (tmp_path / "fixes").mkdir()
+    beside = read_outside([bag(tmp_path / "fixes", extra)], TURN)
+    assert not named(beside, "/tf odom to base").absolute  # GNSS says where, tf only how it moved
+
+
 def test_what_nothing_joins_to_the_camera_is_left_out_and_said_so(tmp_path: Path) -> None:
     def extra(writer: BagWriter) -> None:
         for k in range(4):
@@ -126,12 +148,12 @@ def test_a_bag_that_knows_nothing_gives_nothing(tmp_path: Path) -> None:
     assert (found.priors, found.findings, found.crs) == ([], [], LOCAL)
 
 
-def tf(joints: list[tuple[str, str, Matrix]]) -> Any:
+def tf(joints: list[tuple[str, str, Matrix]], stamp_ns: int = START_NS) -> Any:
     transforms = []
     for parent, child, motion in joints:
         turn, place = quaternion(motion), MAKE("geometry_msgs/msg/Vector3", **xyz(motion))
         transforms.append(
-            MAKE("geometry_msgs/msg/TransformStamped", header=header(MAKE, START_NS, parent), child_frame_id=child,
+            MAKE("geometry_msgs/msg/TransformStamped", header=header(MAKE, stamp_ns, parent), child_frame_id=child,
                  transform=MAKE("geometry_msgs/msg/Transform", translation=place, rotation=turn))
         )  # fmt: skip
     return MAKE("tf2_msgs/msg/TFMessage", transforms=transforms)

@@ -21,7 +21,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     from uw_recon_ros.model.params import DiveModelParams
 
     parser.add_argument("survey", metavar="SURVEY_DIR", help="folder that uw_recon survey filled")
-    parser.add_argument("--poses", metavar="FILE", help="poses of the left camera from outside, TUM format")
+    parser.add_argument(
+        "--poses", metavar="FILE",
+        help="poses of the left camera from outside: TUM, or CSV with a line of names (stamp, x, y, z, qx, qy, qz, qw; "
+        "sigma_m, sigma_deg); another clock: --poses-offset-s",
+    )  # fmt: skip
     parser.add_argument(
         "--bag", action="append", default=[], metavar="BAG",
         help="recording of the dive: its odometry, attitude, fixes and pressure are used; may be given several times",

@@ -15,6 +15,7 @@ from uw_recon_ros.files.atomic import write_bytes
 from uw_recon_ros.trajectory import PoseStatus, Trajectory, as_quaternions, trajectory_of
 from uw_recon_ros.types import Matrix
 
+_TIMES, _POSE = ("stamp_ns", "stamp", "time", "timestamp"), ("x", "y", "z", "qx", "qy", "qz", "qw")
 _CSV_HEAD = "stamp_ns,x,y,z,qx,qy,qz,qw,status,segment"
 _UPPER = np.triu_indices(6)
 
@@ -133,3 +134,44 @@ def read_trajectory_csv(path: str | Path, *, origin: Matrix | None = None) -> Tr
     covariances[:, _UPPER[0], _UPPER[1]] = upper
     covariances[:, _UPPER[1], _UPPER[0]] = upper
     return replace(found, status=status, segment=segment, covariances=covariances)
+
+
+def read_poses(path: str | Path, *, origin: Matrix | None = None) -> Trajectory:
+    """Read poses from outside: TUM, what `write_trajectory_csv` wrote, or a table whose first line names its columns.
+
+    Columns, in any order, others passed over: ``stamp_ns``, or ``stamp``, ``time``, ``timestamp`` (s); ``x``, ``y``,
+    ``z`` (m); ``qx``, ``qy``, ``qz``, ``qw``; where they are there, ``sigma_m`` and ``sigma_deg``, how sure each is.
+
+    Returns
+    -------
+    Trajectory
+        Covariances NaN where the file does not tell them.
+
+    Raises
+    ------
+    TrajectoryError
+    """
+    lines = _text(path).splitlines()
+    names = [name.strip().lower() for name in lines[0].split(",")] if lines else []
+    if not {"x", "qw"} <= set(names):
+        return read_tum(path, origin=origin)
+    if ",".join(names[:10]) == _CSV_HEAD:
+        return read_trajectory_csv(path, origin=origin)
+    time = next((name for name in _TIMES if name in names), None)
+    missing = [name for name in _POSE if name not in names] + ([] if time else ["stamp"])
+    if missing or time is None:
+        raise TrajectoryError(f"{path}: expected columns stamp, {', '.join(_POSE)}, got none called {missing[0]}")
+    stamps, rows, sigmas = [], [], []
+    for number, line in enumerate(csv.DictReader(lines, fieldnames=names), 1):
+        if number == 1:
+            continue
+        try:
+            stamps.append(int(line[time]) if time == "stamp_ns" else _stamp(line[time].strip()))
+            rows.append([float(line[name]) for name in _POSE])
+            sigmas.append([float(line[name]) if name in names else float("nan") for name in ("sigma_m", "sigma_deg")])
+        except (ValueError, TypeError, AttributeError) as error:
+            raise TrajectoryError(f"{path}:{number}: expected numbers, got {lines[number - 1][:80]!r}") from error
+        if not np.isfinite(rows[-1]).all() or not np.any(rows[-1][3:]):
+            raise TrajectoryError(f"{path}:{number}: expected a finite pose, got {lines[number - 1][:80]!r}")
+    found, spread = _made(path, stamps, rows, origin), np.array(sigmas) * (1.0, np.pi / 180)
+    return replace(found, covariances=np.repeat(spread**2, 3, axis=1)[:, :, None] * np.eye(6))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.errors import ModelError
 from uw_recon_ros.files.atomic import write_json
-from uw_recon_ros.files.trajectories import read_tum, write_trajectory_csv, write_tum
+from uw_recon_ros.files.trajectories import read_poses, write_trajectory_csv, write_tum
 from uw_recon_ros.findings import Code, Finding, Severity, worst
 from uw_recon_ros.fuse.frame import PosedFrame
 from uw_recon_ros.georeference.crs import WITHOUT_SCALE, Crs
@@ -32,6 +32,8 @@ from uw_recon_ros.types import Matrix
 
 SUMMARY = "model.json"
 _LARGE_M = 10_000.0  # positions beyond are moved by an origin, in whole kilometres, before they are float32
+_HALVES = slice(0, 3), slice(3, 6)  # of a covariance: position, rotation
+_LEAST_SIGMA = 1e-3  # m, rad: nobody is surer
 Tell = Callable[[str], None]
 
 
@@ -101,12 +103,21 @@ def _outside(request: Request, rect_from_raw: Matrix) -> Outside:
         if p.epsg:
             raise ModelError("epsg: expected --poses with it, got none", Code.MODEL_POSES)
         return read_outside(request.bags, rect_from_raw)
-    first = read_tum(request.poses).positions[0]
+    first = read_poses(request.poses).positions[0]
     origin = np.where(np.abs(first) > _LARGE_M, np.round(first, -3), 0.0)
-    given = read_tum(request.poses, origin=origin).turned(rect_from_raw.T)
-    sigmas = p.poses_sigma_m, float(np.radians(p.poses_sigma_deg))
+    given = read_poses(request.poses, origin=origin).turned(rect_from_raw.T)
+    sigmas = _told_sigmas(given, p.poses_sigma_m, float(np.radians(p.poses_sigma_deg)))
     priors = priors_from_trajectory(given, *sigmas, round(p.poses_offset_s * 1e9))
     return Outside([priors], Crs(p.epsg or None), origin)
+
+
+def _told_sigmas(given: Trajectory, position_m: float, rotation_rad: float) -> tuple[float, float]:
+    """How sure poses are: as their file says, else as told."""
+    known = given.covariances[np.isfinite(given.covariances).all(axis=(1, 2))]
+    if not len(known):
+        return position_m, rotation_rad
+    places, turns = (float(np.sqrt(np.median(np.trace(known[:, k][:, :, k], axis1=1, axis2=2)) / 3)) for k in _HALVES)
+    return max(places, _LEAST_SIGMA), max(turns, _LEAST_SIGMA)
 
 
 def _parts(trajectory: Trajectory) -> list[NDArray[np.intp]]:

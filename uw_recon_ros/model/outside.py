@@ -24,6 +24,7 @@ _PRESSURE, _TF = "sensor_msgs/msg/FluidPressure", "tf2_msgs/msg/TFMessage"
 _ATMOSPHERE_PA, _ABSOLUTE_PA, _PA_A_METRE = 101_325.0, 80_000.0, 1025.0 * 9.80665
 _ORIGIN = SimpleNamespace(x=0.0, y=0.0, z=0.0)
 _SPACED_NS = 40_000_000  # messages of a topic are looked at no more often
+_TF_SIGMAS = 0.5, 0.1  # m, rad: tf does not say how sure it is
 _NO_HEADING = 1e-6  # information, 1/rad^2: a compass beside thrusters and steel is not believed
 
 
@@ -110,12 +111,33 @@ def read_outside(paths: Sequence[str], rect_from_raw: Matrix) -> Outside:
             camera = camera or _camera_frame(bag)
             for topic, message in _of_interest(bag):
                 known.setdefault(topic, []).append(message)
+    moving: dict[tuple[str, str], list[tuple[int, Matrix]]] = {}
     for topic in [name for name, messages in known.items() if _kind(messages[0]) == _TF]:
-        for message in known.pop(topic):
-            for t in message.transforms:
-                motion = _pose(t.transform.translation, t.transform.rotation)
-                fixed[_bare(t.child_frame_id)] = _bare(t.header.frame_id), motion
-    return _gathered(known, _Frames(_bare(camera), rect_from_raw, fixed))
+        for t in (t for message in known.pop(topic) for t in message.transforms if _is_turn(t.transform.rotation)):
+            child, parent = _bare(t.child_frame_id), _bare(t.header.frame_id)
+            motion = _pose(t.transform.translation, t.transform.rotation)
+            if topic.endswith("tf_static"):
+                fixed[child] = parent, motion
+            else:
+                moving.setdefault((parent, child), []).append((stamp_ns(t), motion))
+    frames = _Frames(_bare(camera), rect_from_raw, fixed)
+    outside = _gathered(known, frames)
+    if not any(p.smooth for p in outside.priors):  # tf repeats what odometry says
+        outside.priors.extend(_of_tf(moving, frames, beside=any(p.known[:2].all() for p in outside.priors)))
+    return outside
+
+
+def _of_tf(moving: dict[tuple[str, str], list[tuple[int, Matrix]]], frames: _Frames, *, beside: bool) -> list[Priors]:
+    """The fullest transform that moves a frame to which the camera is fixed; only its differences beside positions."""
+    seen = [(pair, found) for pair, found in moving.items() if frames.view_in(pair[1]) is not None]
+    if not seen:
+        return []
+    (parent, child), found = max(seen, key=lambda item: len(item[1]))
+    view = frames.view_in(child)
+    information = np.diag([_TF_SIGMAS[0] ** -2] * 3 + [_TF_SIGMAS[1] ** -2] * 3)
+    poses = [motion @ view for _, motion in found]
+    made = _made(f"/tf {parent} to {child}", [stamp for stamp, _ in found], poses, information, smooth=True)
+    return [] if made is None else [replace(made, absolute=not beside)]
 
 
 def _bare(frame: str) -> str:
@@ -136,7 +158,9 @@ def _camera_frame(bag: BagReader) -> str:
 
 def _of_interest(bag: BagReader) -> Iterator[tuple[str, Any]]:
     kinds = {_ODOMETRY, _IMU, _FIX, _PRESSURE}
-    names = [t.name for t in bag.topics if t.type in kinds or (t.type == _TF and t.name.endswith("tf_static"))]
+    names = [
+        t.name for t in bag.topics if t.type in kinds or (t.type == _TF and t.name.endswith(("/tf", "/tf_static")))
+    ]
     last: dict[str, int] = {}
     for raw in bag.raw_messages(names) if names else ():
         if raw.type == _TF or raw.log_ns - last.get(raw.topic, -_SPACED_NS) >= _SPACED_NS:
