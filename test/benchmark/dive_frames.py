@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from hashlib import sha256
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -38,15 +39,19 @@ class DiveFrame:
 
 
 def dive_frames(
-    folder: Path, effort: str = "navigation", course: dict[str, Any] | None = None, **params: Any
+    folder: Path,
+    effort: str = "navigation",
+    course: dict[str, Any] | None = None,
+    first: int | None = None,
+    **params: Any,
 ) -> list[DiveFrame]:
-    """All frames that arrive of a dive; `params` are fields of `SimulateParams`, `course` of `CourseParams`."""
+    """The frames of a dive that arrive, or the `first` of them; fields of `SimulateParams`, `course` of `CourseParams`."""
     chosen = CourseParams(**(course or {}))
     taken = SimulateParams.from_mapping(defaults_on(chosen.track) | params)
     folder.mkdir(parents=True, exist_ok=True)
     dive = SurveyDive(taken, chosen)
     name = sha256(repr((effort, chosen, taken)).encode()).hexdigest()[:16]
-    return list(_frames(folder, name, effort, dive))
+    return list(islice(_frames(folder, name, effort, dive), first))
 
 
 def _frames(folder: Path, name: str, effort: str, dive: SurveyDive) -> Iterator[DiveFrame]:

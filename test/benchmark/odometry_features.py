@@ -1,6 +1,6 @@
 """What an odometry's features cost and are worth: on simulated dives against the truth.
 
-Usage: python test/benchmark/odometry_features.py [--frames DIR] [dives ...]
+Usage: python test/benchmark/odometry_features.py [--frames DIR] [--first N] [dives ...]
 
 Each way joins every frame to those before it; all are judged by the same geometry (`track.relate.relation_of`). CPU is
 processor time a frame, all threads, without matching. Error: largest distance from the truth after the first frame is
@@ -128,12 +128,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--frames", type=Path, default=Path("bench_out/dives"), help="where frames are kept")
     parser.add_argument("--effort", default="navigation")
+    parser.add_argument("--first", type=int, help="frames of each dive; all by default")
     parser.add_argument("--ways", nargs="*", default=list(WAYS))
     parser.add_argument("dives", nargs="*", default=["rich", "mud", "tiles"])
     args = parser.parse_args()
     for dive in args.dives:
         course, params = DIVES[dive]
-        frames = dive_frames(args.frames, args.effort, course, **params)
+        frames = dive_frames(args.frames, args.effort, course, args.first, **params)
         sys.stdout.write(
             f"{dive} (simulated, {len(frames)} frames)\n\n| features | CPU ms a frame "
             "| error, % of path | drift over 1 m, % | lost | false |\n|" + " --- |" * 6 + "\n"

@@ -129,11 +129,10 @@ def read_outside(paths: Sequence[str], rect_from_raw: Matrix) -> Outside:
 
 def _of_tf(moving: dict[tuple[str, str], list[tuple[int, Matrix]]], frames: _Frames, *, beside: bool) -> list[Priors]:
     """The fullest transform that moves a frame to which the camera is fixed; only its differences beside positions."""
-    seen = [(pair, found) for pair, found in moving.items() if frames.view_in(pair[1]) is not None]
+    seen = [(*pair, found, view) for pair, found in moving.items() if (view := frames.view_in(pair[1])) is not None]
     if not seen:
         return []
-    (parent, child), found = max(seen, key=lambda item: len(item[1]))
-    view = frames.view_in(child)
+    parent, child, found, view = max(seen, key=lambda item: len(item[2]))
     information = np.diag([_TF_SIGMAS[0] ** -2] * 3 + [_TF_SIGMAS[1] ** -2] * 3)
     poses = [motion @ view for _, motion in found]
     made = _made(f"/tf {parent} to {child}", [stamp for stamp, _ in found], poses, information, smooth=True)
