@@ -45,7 +45,7 @@ def dive_frames(
     first: int | None = None,
     **params: Any,
 ) -> list[DiveFrame]:
-    """The frames of a dive that arrive, or the `first` of them; fields of `SimulateParams`, `course` of `CourseParams`."""
+    """The arriving frames of a dive, or the `first` of them; `params`: `SimulateParams`, `course`: `CourseParams`."""
     chosen = CourseParams(**(course or {}))
     taken = SimulateParams.from_mapping(defaults_on(chosen.track) | params)
     folder.mkdir(parents=True, exist_ok=True)
