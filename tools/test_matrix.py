@@ -1,19 +1,21 @@
 """Run the quick tests on every Python that is there: ``make test-matrix``.
 
 A virtual environment a version in ``.matrix/``, with ROS 2's wheels where they exist for it (3.10 to 3.12); without ROS
-the tests of nodes are left out. The newest Python, where no interpreter is there, is resolved by pip at least. Prints a
-table; exit code 1 where anything failed.
+the tests of nodes are left out. Then the oldest and the newest numpy and OpenCV, each with the tests that lean on them
+most; Kilted's wheels; and what pip finds for the newest Python, where no interpreter is there, and for aarch64. Prints
+a table; exit code 1 where anything failed.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+import re
 import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,6 +23,25 @@ ROOT = Path(__file__).parent.parent
 VERSIONS = ("3.10", "3.11", "3.12", "3.13", "3.14")
 WITH_WHEELS = ("3.10", "3.11", "3.12")
 TESTS = ("-q", "-n", "2", "--dist", "loadgroup", "-m", "not slow and not graph")
+
+
+#: Python, what is pinned.
+LIBRARIES = (
+    ("3.11", ("numpy==1.26.*", "opencv-python-headless==4.6.*")),
+    ("3.11", ("numpy==2.0.*", "opencv-python-headless==4.10.*")),
+    ("3.12", ("numpy>=2.2", "opencv-python-headless>=4.11,<5")),
+    ("3.12", ("numpy>=2.2", "opencv-python-headless>=5,<6")),
+)
+LIBRARY_TESTS = (
+    "-q",
+    "-m",
+    "not slow and not graph",
+    "test/files",
+    "test/preprocess",
+    "test/rectify",
+    "test/test_images.py",
+)
+PLATFORMS = ("manylinux2014_aarch64", "manylinux_2_27_aarch64", "manylinux_2_28_aarch64")
 
 
 class Outcome(NamedTuple):
@@ -54,14 +75,17 @@ def environment() -> dict[str, str]:
     return {name: value for name, value in os.environ.items() if name != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
 
 
-def run(version: str, python: str, tests: list[str]) -> Outcome:
+def run(version: str, python: str, tests: Sequence[str], pinned: Sequence[str] = (), ros: str = "ros-jazzy") -> Outcome:
     """Make the environment, run the tests."""
-    folder = ROOT / ".matrix" / version
+    name = "-".join(
+        [version, *(re.sub(r"[^a-z0-9.]", "", pin) for pin in pinned), *([ros] if ros != "ros-jazzy" else [])]
+    )
+    folder = ROOT / ".matrix" / name
     inside = folder / "bin" / "python"
-    extras = "test,ros-jazzy" if version in WITH_WHEELS else "test"
-    what = "tests" if version in WITH_WHEELS else "tests without ROS"
+    extras = f"test,{ros}" if version in WITH_WHEELS else "test"
+    what = ", ".join(pinned) or (f"tests, {ros}" if version in WITH_WHEELS else "tests without ROS")
     steps = [] if inside.exists() else [[python, "-m", "venv", str(folder)]]
-    steps.append([str(inside), "-m", "pip", "install", "--quiet", "--editable", f"{ROOT}[{extras}]"])
+    steps.append([str(inside), "-m", "pip", "install", "--quiet", *pinned, "--editable", f"{ROOT}[{extras}]"])
     for step in steps:
         made = subprocess.run(step, env=environment(), capture_output=True, text=True, check=False)
         if made.returncode:
@@ -78,16 +102,18 @@ def run(version: str, python: str, tests: list[str]) -> Outcome:
     return Outcome(version, what, done.returncode == 0, done.stdout.strip().splitlines()[-1])
 
 
-def resolve(version: str) -> Outcome:
-    """Ask pip whether all that the package needs is there for that version."""
+def resolve(version: str, platforms: Sequence[str] = ()) -> Outcome:
+    """Ask pip whether all that the package needs is there for that version, here or on other platforms."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "pip", "install", "--dry-run", "--quiet", "--target", folder]
         command += ["--python-version", version, "--only-binary=:all:"]
+        command += [word for platform in platforms for word in ("--platform", platform)]
         told = subprocess.run(
             [*command, *_requirements()], env=environment(), capture_output=True, text=True, check=False
         )
     line = told.stderr.strip().splitlines()[-1] if told.returncode else "all wheels are there"
-    return Outcome(version, "resolved by pip", told.returncode == 0, line)
+    what = "resolved by pip" + (" for aarch64" if platforms else "")
+    return Outcome(version, what, told.returncode == 0, line)
 
 
 def _requirements() -> list[str]:
@@ -103,13 +129,27 @@ def outcomes(versions: list[str], tests: list[str]) -> Iterator[Outcome]:
         yield run(version, python, tests) if python else resolve(version)
 
 
+def other_outcomes(tests: list[str]) -> Iterator[Outcome]:
+    """Of pinned libraries, of Kilted's wheels, and of aarch64."""
+    for version, pinned in LIBRARIES:
+        python = interpreter(version)
+        if python:
+            yield run(version, python, LIBRARY_TESTS, pinned)
+    python = interpreter("3.12")
+    if python:
+        yield run("3.12", python, tests, ros="ros-kilted")
+    yield resolve("3.12", PLATFORMS)
+
+
 def main() -> int:
     """Run all; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--versions", nargs="+", default=list(VERSIONS), metavar="X.Y")
     parser.add_argument("tests", nargs="*", default=list(TESTS), help="arguments for pytest")
+    parser.add_argument("--only", choices=("versions", "others"), help="half of it")
     args = parser.parse_args()
-    table = list(outcomes(args.versions, args.tests))
+    table = list(outcomes(args.versions, args.tests)) if args.only != "others" else []
+    table += list(other_outcomes(args.tests)) if args.only != "versions" else []
     for outcome in table:
         verdict = "passed" if outcome.passed else "FAILED"
         sys.stdout.write(f"Python {outcome.version}: {outcome.what}: {verdict}: {outcome.last_line}\n")

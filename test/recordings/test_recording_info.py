@@ -167,6 +167,7 @@ def test_two_dives_stay_two(tmp_path: Path) -> None:
     with Recording(tmp_path) as recording:
         assert [source.name for source in recording.sources] == ["left_wall", "right_wall"]
         assert len(recording) == 2
+        assert any("1 pairs have the same stamps: copies" in note for note in recording.listing.notes)
 
 
 # ---- TIFF ------------------------------------------------------------------------------------------------------------

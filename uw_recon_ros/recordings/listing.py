@@ -76,6 +76,7 @@ def list_frames(
             continue
         _note_backward_steps(source, found, listing.notes)
         listing.frames += found
+    _note_copies(sources, listing)
     listing.frames = _numbered(listing.frames)
     listing.pairs = len(listing.frames)
     if not listing.frames:
@@ -141,6 +142,21 @@ def _first_size(source: Source, frames: list[Frame]) -> tuple[int, int] | None:
     finally:
         reader.close()
     return None
+
+
+def _note_copies(sources: list[Source], listing: Listing) -> None:
+    """Bags that hold the same moments: each is reconstructed, as often as it is there."""
+    stamps: dict[int, set[int]] = {}
+    for frame in listing.frames:
+        if sources[frame.source].kind == "bag":
+            stamps.setdefault(frame.source, set()).add(frame.stamp_ns)
+    for one, other in itertools.combinations(stamps, 2):
+        both = len(stamps[one] & stamps[other])
+        if 2 * both > min(len(stamps[one]), len(stamps[other])):
+            listing.notes.append(
+                f"{sources[one].name} and {sources[other].name}: {both} pairs have the same stamps: copies of one "
+                "recording? name one of them"
+            )
 
 
 def _note_backward_steps(source: Source, frames: list[Frame], notes: list[str]) -> None:
