@@ -1,9 +1,10 @@
 """The four nodes as processes under a live load: how fresh, how steady, and what each costs.
 
 Usage: python test/benchmark/graph_load.py [--rates 5 10 15] [--seconds 20] [--size 640x480] [--odometry]
-    [--output FILE]
+    [--composed] [--output FILE]
 
-A simulated dive of known depth is played in real time to the four nodes, each a process, with
+A simulated dive of known depth is played in real time to the four nodes, each a process (``--composed``: to
+``pipeline_node``), with
 ``config/navigation.yaml`` and 64 disparities; the listener takes what a navigation stack takes, ``points2_filtered``
 and ``depth/image_rect``. For each camera rate:
 
@@ -38,7 +39,7 @@ sys.path.insert(0, str(HERE.parent))
 import cv2
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
-from helpers.graph_bench import FOUR, Bench, Graph
+from helpers.graph_bench import BETWEEN, FOUR, Bench, Graph
 from helpers.process_watch import Usage, usage
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
@@ -134,7 +135,7 @@ def run(sea: Sea, camera_hz: float, work: Path, parameters: list[str], names: tu
         heard.listen(bench)
         arguments = ["--ros-args", "--params-file", NAVIGATION, *parameters]
         nodes = {name: graph.start(name, *arguments).process.pid for name in names}
-        graph.connected(*names)
+        graph.connected(*names, chain=[topic for topic in BETWEEN if not topic.endswith(("enhanced", "color"))])
         topics = [f"/{side}/{topic}" for side in ("left", "right") for topic in ("image_raw", "camera_info")]
         player = graph.start("bag_player_node", sea.path, "--rate", camera_hz / RECORDED_HZ, "--wait-for", *topics)
         nodes["bag_player_node"] = player.process.pid
@@ -216,11 +217,13 @@ def main() -> None:
     parser.add_argument("--size", default="640x480")
     parser.add_argument("--max-disparity", type=int, default=63)
     parser.add_argument("--odometry", action="store_true", help="odometry_node beside them")
+    parser.add_argument("--composed", action="store_true", help="pipeline_node in place of the four")
     parser.add_argument("--output", type=Path)
     args = parser.parse_args()
     width, height = map(int, args.size.split("x"))
     parameters = ["-p", "min_disparity:=0", "-p", f"max_disparity:={args.max_disparity}"]
-    results, names = {}, (*FOUR, "odometry_node") if args.odometry else FOUR
+    stages = ("pipeline_node",) if args.composed else FOUR
+    results, names = {}, (*stages, "odometry_node") if args.odometry else stages
     with tempfile.TemporaryDirectory(prefix="uw_recon_load_") as folder:
         sea = Sea(Path(folder) / "sea", width, height, round(args.seconds * RECORDED_HZ))
         for rate in args.rates:
