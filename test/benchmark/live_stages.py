@@ -21,6 +21,7 @@ import sys
 import tempfile
 import time
 from collections import defaultdict
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -29,18 +30,20 @@ STAGES = ("preprocess", "rectify", "match", "depth", "cloud")
 
 
 def dive(width: int, height: int, pairs: int) -> list[Any]:
-    """Raw pairs of a simulated reef."""
+    """Raw pairs of a simulated reef, and their cameras, as arrays that any version can read."""
     from uw_recon_ros.simulate.dive import Dive
     from uw_recon_ros.simulate.params import SimulateParams
-    from uw_recon_ros.types import StereoPair
 
     made = Dive(SimulateParams(scene="reef", seed=3, width=width, height=height, frames=pairs, rate_hz=10.0))
     frames = [made.frame(index) for index in range(pairs)]
-    calibration = made.calibration
-    return [StereoPair(f.left, f.right, i * 100_000_000, "left", calibration) for i, f in enumerate(frames)]
+    cameras = [
+        (camera.width, camera.height, camera.k, camera.d, camera.r, camera.p)
+        for camera in (made.calibration.left, made.calibration.right)
+    ]
+    return [(f.left, f.right, cameras) for f in frames]
 
 
-def measure(pairs: list[Any], max_disparity: int) -> dict[str, float]:
+def measure(images: list[Any], max_disparity: int) -> dict[str, float]:
     """Median processor time of each stage, ms a pair; the rig is watched as often as the preset says."""
     import cv2
     import numpy as np
@@ -51,7 +54,10 @@ def measure(pairs: list[Any], max_disparity: int) -> dict[str, float]:
     from uw_recon_ros.reconstruct.stage import Reconstruct
     from uw_recon_ros.rectify.stage import Rectify
     from uw_recon_ros.rectify.tracker import RigTracker
+    from uw_recon_ros.types import CameraModel, StereoCalibration, StereoPair
 
+    calibration = StereoCalibration(*(CameraModel(*camera) for camera in images[0][2]))
+    pairs = [StereoPair(left, right, i * 100_000_000, "left", calibration) for i, (left, right, _) in enumerate(images)]
     cv2.setNumThreads(1)
     values = read_values(REPOSITORY / "config" / "navigation.yaml")
     values.pop("max_rate_hz", None)
@@ -64,6 +70,7 @@ def measure(pairs: list[Any], max_disparity: int) -> dict[str, float]:
     )
     match, reconstruct = Match(params.match), Reconstruct(params.reconstruct)
     shown = {"shown": False} if getattr(params.reconstruct, "texture", "") == "matching" else {}
+    plain = {"normals": False} if "normals" in signature(reconstruct.cloud).parameters else {}  # as the nodes do
     took = defaultdict(list)
     density, points = [], []
     for round_ in range(2):
@@ -78,7 +85,7 @@ def measure(pairs: list[Any], max_disparity: int) -> dict[str, float]:
             tick()
             depth = reconstruct.depth(disparity)
             tick()
-            cloud = reconstruct.filtered_cloud(depth, rectified.left)
+            cloud = reconstruct.thin(reconstruct.cloud(depth, rectified.left, **plain))
             tick()
             if round_:
                 for stage, began, ended in zip(STAGES, clock, clock[1:], strict=False):

@@ -8,7 +8,21 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from helpers.ros_bench import AUTOPILOT, FRAME, HEIGHT, WIDTH, Bench, banded_pair, calibration, color, infos
+from helpers.ros_bench import (
+    AUTOPILOT,
+    BANDS,
+    BASELINE,
+    FOCAL,
+    FRAME,
+    HEIGHT,
+    WIDTH,
+    Bench,
+    banded_pair,
+    calibration,
+    color,
+    infos,
+    infos_from_geometry,
+)
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
@@ -19,7 +33,7 @@ from uw_recon_ros.nodes.preprocess_node import PreprocessNode
 from uw_recon_ros.nodes.rectify_node import RectifyNode
 from uw_recon_ros.pipeline import Pipeline, PipelineParams
 from uw_recon_ros.ros import messages
-from uw_recon_ros.types import StereoPair
+from uw_recon_ros.types import StereoGeometry, StereoPair
 
 SECOND = 1_000_000_000
 LEFT, RIGHT = banded_pair()
@@ -192,3 +206,33 @@ def test_diagnostics_say_everything_one_number_a_key(bench: Bench) -> None:
     numbers = {key: float(value) for key, value in said.items() if key.endswith(("[Hz]", "[s]")) or "dropped" in key}
     assert numbers["latency max [s]"] > 2.0 > numbers["work max [s]"] > 0
     assert numbers["dropped"] == numbers["dropped: no partner within tolerance"] == 1
+
+
+@pytest.mark.parametrize("nodes", [FOUR, (PipelineNode,)])
+def test_cameras_that_change_their_resolution_midway(bench: Bench, nodes: tuple[Any, ...]) -> None:
+    """Twice as large and small again: right depths of each size, and nothing to start anew."""
+    for node in nodes:
+        bench.start(
+            node, **({"min_disparity": 0, "max_disparity": 48} if node in (DisparityNode, PipelineNode) else {})
+        )
+    heard = bench.listen(Image, "depth/image_rect")
+    rig = Rig(bench)
+    rig.connect(bench)
+    stamp = 0
+    for times in (1, 2, 1):
+        width, height = times * WIDTH, times * HEIGHT
+        geometry = StereoGeometry(
+            times * FOCAL, (width - 1) / 2, (width - 1) / 2, (height - 1) / 2, baseline_m=BASELINE
+        )
+        heard.clear()
+        while not [depth for depth in heard if depth.width == width]:
+            stamp += SECOND
+            notes = infos_from_geometry(geometry, (width, height), messages.header(stamp, FRAME))
+            for side, image, info in zip(("left", "right"), (LEFT, RIGHT), notes, strict=True):
+                rig.infos[side].publish(info)
+                rig.images[side].publish(color(np.kron(image, np.ones((times, times, 1), np.uint8)), stamp))
+            bench.spin_for(0.3)
+        depth = messages.float_image_from_message(next(depth for depth in heard if depth.width == width))
+        top, bottom, disparity = BANDS[1]
+        found = np.nanmedian(depth[times * (top + 5) : times * (bottom - 5), times * 40 : times * (WIDTH - 20)])
+        assert found == pytest.approx(FOCAL * BASELINE / disparity, rel=0.03)
