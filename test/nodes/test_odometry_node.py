@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from uw_recon_ros import rigid
 from uw_recon_ros.mount import MountParams
+from uw_recon_ros.nodes import odometry_node
 from uw_recon_ros.nodes.odometry_node import OdometryNode
 from uw_recon_ros.ros.messages import stamp_ns, transform_message
 from uw_recon_ros.ros.parameters import ParameterError
@@ -138,6 +139,13 @@ def test_a_clock_set_back_begins_anew(bench: Bench) -> None:
     way.see(seen[:1])
     assert matrix(way.heard[-1].pose.pose) == pytest.approx(np.eye(4))
     assert way.heard[-1].pose.covariance[0] == 0
+
+
+def test_without_nav_msgs_one_line_says_so(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    without = tuple(replace(output, type=None) for output in odometry_node.OUTPUTS)
+    monkeypatch.setattr(odometry_node, "OUTPUTS", without)
+    with pytest.raises(ParameterError, match=r"^nav_msgs: expected to be installed, not found"):
+        OdometryNode(context=bench.context)
 
 
 def test_the_path_stays_short(bench: Bench) -> None:

@@ -21,6 +21,7 @@ from uw_recon_ros.ros.outputs import Outputs, Publishers
 from uw_recon_ros.ros.parameters import NodeParameters, ParameterError, ParameterSet
 from uw_recon_ros.ros.reporter import Reporter
 from uw_recon_ros.ros.session import Session
+from uw_recon_ros.topics import find_topic
 
 S = TypeVar("S")
 _REFRESH_S = 0.25
@@ -31,6 +32,16 @@ def _all_classes() -> Iterable[type[Params]]:
     from uw_recon_ros.catalogue import ALL_PARAMS
 
     return ALL_PARAMS
+
+
+def _expect_installed(inputs: tuple[Input, ...], outputs: tuple[Output, ...]) -> None:
+    """Refuse a node whose messages nobody installed."""
+    types = {topic.name: topic.type for wanted in inputs for topic in wanted.alternatives}
+    types |= {output.topic: output.type for output in outputs}
+    absent = {find_topic(name).type.split("/")[0] for name, kind in types.items() if kind is None}
+    if absent:
+        text = f"{', '.join(sorted(absent))}: expected to be installed, not found: its messages are part of ROS 2"
+        raise ParameterError(text)
 
 
 class StageNode(ManagedNode, Generic[S]):
@@ -56,7 +67,7 @@ class StageNode(ManagedNode, Generic[S]):
     Raises
     ------
     ParameterError
-        A parameter override is refused.
+        A parameter override is refused, or messages it needs are not installed.
 
     Attributes
     ----------
@@ -77,6 +88,8 @@ class StageNode(ManagedNode, Generic[S]):
         outputs: Iterable[Output],
         **options: Any,
     ) -> None:
+        inputs, outputs = tuple(inputs), tuple(outputs)
+        _expect_installed(inputs, outputs)
         super().__init__(name, **options)
         self.session: Session[S] | None = None
         self._ending: list[Callable[[float], bool]] = []
