@@ -2,7 +2,8 @@
 
 The cameras of a rig are fixed to each other, so their images move alike. The motion of each video from frame to frame
 (phase correlation) and its change of brightness (lamp, flash) are signals of time; pieces of the left video's are
-looked for in the right one's, and the lags of those that agree are fitted by an offset and a drift.
+looked for in the right one's, and the lags of those that agree are fitted by an offset and a drift. Which of several
+offsets it is, and its last hundredths of a second, the rows tell (`clock_rows`).
 """
 
 from __future__ import annotations
@@ -17,10 +18,13 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.errors import BagError, ImageError
 from uw_recon_ros.findings import Code
+from uw_recon_ros.recordings.clock_rows import RowLag, find_row_lag
 from uw_recon_ros.recordings.video import Video
 from uw_recon_ros.types import Matrix
 
 Marks = list[tuple[int, int]]
+_Line = tuple[float, float]  # offset, s, and slope
+_Piece = tuple[float, list[tuple[float, float]]]  # middle, s; lags, s, and their correlations
 
 _WIDTH = 160  # px, to which frames are reduced
 _PIECES = 7  # of the left video that are looked for
@@ -33,6 +37,11 @@ _ENOUGH = 0.5  # weight of all pieces that agree
 _PEAKS = 4  # lags of a piece that are kept
 _AGREE_S = 0.08  # lags of two pieces that agree, after drift
 _MOST_DRIFT = 2e-3  # of time: 30 for 29.97 Hz is 1e-3
+_TELLS_DRIFT_S = 0.02  # what the largest drift makes over the pieces, for it to be looked for
+_LONG_S = 40.0  # a piece for slow motion, of which short ones hold too little
+_LIKE_S = 0.25  # offsets that are no other
+_MOST_LINES = 4  # that are held against the rows
+_ROWS_S = 0.02  # what lenses and misaligned cameras feign in the rows (test/benchmark/filmed_model.py: 0.025 s)
 _KNOWN_S = 0.05  # uncertainty beyond which an offset is not known
 
 
@@ -77,7 +86,13 @@ def find_clock(left: Video, right: Video, ours: Marks, theirs: Marks, offset_ns:
         return Clock(0, told=(f"{seconds:.1f} s tell no clock offset: taken as 0 (--clock-offset SECONDS)",))
     pieces = _pieces(ours[-1][0] / 1e9)
     lags = [_lags_of(left, right, ours, theirs, piece) for piece in pieces]
-    return _agreed([((a + b) / 2, found) for (a, b), found in zip(pieces, lags, strict=True)])
+    timed = [((a + b) / 2, found) for (a, b), found in zip(pieces, lags, strict=True)]
+    rated = _candidates(timed)
+    whole = ours[-1][0] / 1e9
+    long = _lags_of(left, right, ours, theirs, (0.1 * whole, min(0.9 * whole, 0.1 * whole + _LONG_S)))
+    fitted = [_fitted(line, timed) for _, line in rated] + [Clock(round(lag * 1e9)) for lag, _ in long]
+    by_rows = _by_rows(left, right, ours, theirs, _different(fitted))
+    return _mended(*by_rows) if by_rows else _by_motion(rated, timed)
 
 
 def _pieces(seconds: float) -> list[tuple[float, float]]:
@@ -154,7 +169,52 @@ def _peaks(scores: Matrix) -> list[tuple[float, float]]:
 # ---- agreement -------------------------------------------------------------------------------------------------------
 
 
-def _agreed(pieces: list[tuple[float, list[tuple[float, float]]]]) -> Clock:
+def _candidates(pieces: list[_Piece]) -> list[tuple[float, _Line]]:
+    """Lines that the lags of pieces lie on and their support, best first, none like a better one."""
+    points = [(time, lag, score) for time, found in pieces for lag, score in found]
+    lines = [_line(a, b) for a, b in itertools.combinations(points, 2) if a[0] != b[0]]
+    rated = sorted(((_support(line, pieces), line) for line in lines if abs(line[1]) <= _MOST_DRIFT), reverse=True)
+    kept: list[tuple[float, _Line]] = []
+    for support, line in rated:
+        if support >= 0.4 * _ENOUGH and all(abs(line[0] - other[0]) > _LIKE_S for _, other in kept):
+            kept.append((support, line))
+        if len(kept) == _MOST_LINES:
+            break
+    return kept
+
+
+def _different(clocks: list[Clock]) -> list[Clock]:
+    """Without those that are like one before."""
+    kept: list[Clock] = []
+    for clock in clocks:
+        if all(abs(clock.offset_ns - other.offset_ns) > _LIKE_S * 1e9 for other in kept):
+            kept.append(clock)
+    return kept[:_MOST_LINES]
+
+
+def _by_rows(left: Video, right: Video, ours: Marks, theirs: Marks, fitted: list[Clock]) -> tuple[Clock, RowLag] | None:
+    """The clock at which the rows vary least, where they tell."""
+    found = [(clock, find_row_lag(left, right, ours, theirs, clock.right_of)) for clock in fitted]
+    told = [(clock, lag) for clock, lag in found if lag is not None]
+    return min(told, key=lambda item: item[1].spread_px, default=None)
+
+
+def _mended(clock: Clock, lag: RowLag) -> Clock:
+    """A clock with what the rows say of its offset, each by its weight; where they contradict, the rows' alone."""
+    rows = float(np.hypot(lag.sigma_s, _ROWS_S))
+    both = abs(lag.shift_s) < 3 * float(np.hypot(rows, clock.sigma_s))  # False where the sigma is NaN
+    share = clock.sigma_s**2 / (clock.sigma_s**2 + rows**2) if both else 1.0
+    offset = clock.offset_ns / 1e9 + share * lag.shift_s
+    sigma = rows * float(np.sqrt(share))
+    told = (
+        f"right clock ahead by {offset:.3f} s at the first frame (sigma {sigma:.3f} s), found from motion and light "
+        f"and from vertical error against lag ({lag.spread_px:.2f} px of it are left at 320 px width); drift "
+        f"{1e3 * clock.drift:+.3f} ms/s"
+    )
+    return Clock(round(offset * 1e9), clock.drift, sigma, (told,))
+
+
+def _by_motion(rated: list[tuple[float, _Line]], pieces: list[_Piece]) -> Clock:
     """The line that the lags of most pieces lie on.
 
     Raises
@@ -162,10 +222,7 @@ def _agreed(pieces: list[tuple[float, list[tuple[float, float]]]]) -> Clock:
     BagError
         Fewer than two agree, or another line does as well.
     """
-    points = [(time, lag, score) for time, found in pieces for lag, score in found]
-    lines = [_line(a, b) for a, b in itertools.combinations(points, 2) if a[0] != b[0]]
-    rated = sorted(((_support(line, pieces), line) for line in lines if abs(line[1]) <= _MOST_DRIFT), reverse=True)
-    rival = next((s for s, line in rated[1:] if abs(line[0] - rated[0][1][0]) > 0.5), 0.0) if rated else 0.0
+    rival = rated[1][0] if len(rated) > 1 else 0.0
     if not rated or rated[0][0] < _ENOUGH or rival > 0.8 * rated[0][0]:
         raise BagError(
             "the cameras' clocks: expected motion or light that both videos show, got "
@@ -175,26 +232,29 @@ def _agreed(pieces: list[tuple[float, list[tuple[float, float]]]]) -> Clock:
     return _fitted(rated[0][1], pieces)
 
 
-def _line(a: tuple[float, float, float], b: tuple[float, float, float]) -> tuple[float, float]:
+def _line(a: tuple[float, float, float], b: tuple[float, float, float]) -> _Line:
     slope = (b[1] - a[1]) / (b[0] - a[0])
     return a[1] - slope * a[0], slope
 
 
-def _near(line: tuple[float, float], time: float, found: list[tuple[float, float]]) -> tuple[float, float] | None:
+def _near(line: _Line, time: float, found: list[tuple[float, float]]) -> tuple[float, float] | None:
     near = [(lag, score) for lag, score in found if abs(lag - line[0] - line[1] * time) <= _AGREE_S]
     return max(near, key=lambda peak: peak[1], default=None)
 
 
-def _support(line: tuple[float, float], pieces: list[tuple[float, list[tuple[float, float]]]]) -> float:
+def _support(line: _Line, pieces: list[_Piece]) -> float:
     return sum(peak[1] - _CHANCE for time, found in pieces if (peak := _near(line, time, found)) is not None)
 
 
-def _fitted(line: tuple[float, float], pieces: list[tuple[float, list[tuple[float, float]]]]) -> Clock:
+def _fitted(line: _Line, pieces: list[_Piece]) -> Clock:
     kept = [(time, peak[0]) for time, found in pieces if (peak := _near(line, time, found)) is not None]
     times, lags = (np.array(column) for column in zip(*kept, strict=True))
-    drifts = len(kept) >= 4
+    drifts = len(kept) >= 4 and float(np.ptp(times)) * _MOST_DRIFT > _TELLS_DRIFT_S
     design = np.stack([np.ones_like(times), times], axis=1)[:, : 1 + drifts]
     solution, *_ = np.linalg.lstsq(design, lags, rcond=None)
+    if drifts and abs(solution[1]) > _MOST_DRIFT:  # no clock runs so: what is left over is larger than told
+        drifts, design = False, design[:, :1]
+        solution, *_ = np.linalg.lstsq(design, lags, rcond=None)
     left_over = lags - design @ solution
     sigma = float(np.sqrt((left_over**2).sum() / max(1, len(kept) - design.shape[1])))
     spread = sigma * np.sqrt(np.linalg.inv(design.T @ design)[0, 0])
