@@ -93,3 +93,8 @@ def test_strong_distortion_is_undone(k1: float) -> None:
     points = np.stack(np.meshgrid(np.linspace(-0.6, 0.6, 13), np.linspace(-0.45, 0.45, 9)), axis=-1)
     d = np.array([k1, 0.3 * k1 * k1, 0.004, -0.003, 0.0])
     np.testing.assert_allclose(undistort(distort(points, d), d), points, atol=1e-9)
+
+
+def test_what_cannot_be_is_refused() -> None:
+    with pytest.raises(ValueError, match="dead_channel: expected none with mono"):
+        SimulateParams.from_mapping({"mono": True, "dead_channel": "red"})

@@ -79,7 +79,9 @@ class SimulateParams(Params):
     mono: bool = param(False, "Whether the cameras see no colour.")
 
     def check_together(self) -> None:
-        """8 or 16 bits; the rig must fit before the scene."""
+        """8 or 16 bits; the rig must fit before the scene; what sees no colour has no channel to lose."""
+        if self.mono and self.dead_channel != "none":
+            raise ValueError(f"dead_channel: expected none with mono, got {self.dead_channel}")
         if self.bits not in (8, 16):
             raise ValueError(f"bits: expected 8 or 16, got {self.bits}")
         if self.distance_m < 2 * self.baseline_m:
