@@ -21,6 +21,7 @@ DICTIONARIES = (
 )  # fmt: skip
 APRILTAGS = "DICT_APRILTAG_36h11"
 _REFINE = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-4)
+_BESIDE_MARKERS = 0.12  # of a square: markers begin there
 _GRID_BORDER = 2  # bits of black round a tag of kalibr's AprilGrid
 
 Found = tuple[NDArray[np.int64], Matrix]
@@ -66,7 +67,24 @@ def find_charuco(gray: ByteImage, board: Board) -> Found | None:
         corners, numbers, _, _ = _charuco_detector(board, legacy).detectBoard(gray)
         if numbers is not None and len(numbers) > (0 if best is None else len(best[0])):
             best = np.asarray(numbers, np.int64).ravel(), np.asarray(corners, np.float64).reshape(-1, 2)
-    return best
+    return None if best is None else (best[0], refined(gray, best[1], _BESIDE_MARKERS))
+
+
+def refined(gray: ByteImage, pixels: Matrix, share: float = 0.25) -> Matrix:
+    """Corners where edges cross, from places near them; one that strays stays where it was.
+
+    They are looked for in a window of `share` of the distance between points, to either side.
+
+    Measured on simulated boards: 0.03 px, whatever the detector left: 0.09 px, and OpenCV 4.10's ChArUco half a pixel
+    to the right and down.
+    """
+    apart = np.linalg.norm(pixels[:, None] - pixels[None], axis=2)
+    np.fill_diagonal(apart, np.inf)
+    reach = int(np.clip(share * np.median(apart.min(axis=1)), 2, 11)) if len(pixels) > 1 else 2
+    start = pixels.astype(np.float32).reshape(-1, 1, 2)
+    found = np.asarray(cv2.cornerSubPix(gray, start, (reach, reach), (-1, -1), _REFINE), np.float64).reshape(-1, 2)
+    strayed = np.linalg.norm(found - pixels, axis=1) > 0.5 * reach
+    return np.where(strayed[:, None], pixels, found)
 
 
 def find_dictionary(gray: ByteImage) -> str | None:
