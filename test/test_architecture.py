@@ -42,7 +42,7 @@ OFFLINE = NOUNS | STAGE_ROOMS | NODE_PARAMS | {"pipeline"}
 MAY_IMPORT = {
     **dict.fromkeys(NOUNS, NOUNS),
     "": OFFLINE | {"api"},
-    "api": OFFLINE | {"given_pair", "bags", "recordings"},
+    "api": OFFLINE | {"given_pair", "bags", "recordings", "measure", "measure_files", "calibrate", "calibrate_files"},
     **{room: NOUNS | {room} for room in STAGE_ROOMS},
     "node_params": NOUNS,
     "catalogue": NOUNS | STAGE_ROOMS | NODE_PARAMS | {"track", "live"},

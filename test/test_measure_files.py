@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import uw_recon_ros as uw
 from uw_recon_ros.cli import main
 from uw_recon_ros.survey.kept_frame import write_kept
 from uw_recon_ros.trajectory import DisparityFrame
@@ -68,3 +69,10 @@ def test_a_frame_that_the_survey_does_not_rely_on_is_marked(kept: Path, capsys: 
         told = capsys.readouterr()
         assert json.loads(told.out)[0]["reliable"] is reliable
         assert ("rows disagree" in told.err) is not reliable
+
+
+def test_the_front_door_measures_the_same(kept: Path) -> None:
+    (found,) = uw.measure(kept / "a.frame", "length", [(40.0, 120.0), (280.0, 120.0)])
+    assert found.value == pytest.approx(0.4, rel=1e-3)
+    with pytest.raises(ValueError, match="square_mm"):
+        uw.calibrate(kept, kept / "out", square_mm=0.0)

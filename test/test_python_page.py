@@ -20,7 +20,7 @@ from uw_recon_ros.types import StereoPair
 
 ROOT = Path(__file__).parent.parent
 SCENE = np.random.default_rng(5).integers(0, 256, (60, 70), np.uint8).repeat(2, axis=0).repeat(2, axis=1)
-ROOMS = ("match", "reconstruct", "rectify")  # packages that are verbs, too
+ROOMS = ("match", "reconstruct", "rectify", "calibrate", "measure")  # packages that are verbs, too
 FLAGS = doctest.ELLIPSIS | doctest.IGNORE_EXCEPTION_DETAIL
 
 

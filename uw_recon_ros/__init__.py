@@ -11,8 +11,10 @@ from uw_recon_ros.lazy import on_demand
 
 if TYPE_CHECKING:
     from uw_recon_ros.api import (
+        calibrate,
         enhance,
         match,
+        measure,
         open_recording,
         pairs,
         read_parameters,
@@ -49,8 +51,10 @@ if TYPE_CHECKING:
 
 _PLACES = {
     "api": (
+        "calibrate",
         "enhance",
         "match",
+        "measure",
         "open_recording",
         "pairs",
         "read_parameters",
@@ -90,6 +94,8 @@ __all__ = [  # noqa: RUF022  (verbs, files, parameters, nouns, errors)
     "rectify",
     "match",
     "reconstruct",
+    "calibrate",
+    "measure",
     "open_recording",
     "pairs",
     "read_calibration",

@@ -7,13 +7,15 @@ mono (H, W) or RGB (H, W, 3) arrays of uint8 or uint16; of the latter 10, 12 or 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import uw_recon_ros.calibrate  # noqa: F401  (the room, so that the name is one thing from the start)
 from uw_recon_ros.bags.reader import BagReader, open_bag
 from uw_recon_ros.given_pair import ready_to_match, stereo_pair
 from uw_recon_ros.match.stage import Match, MatchParams
+from uw_recon_ros.measure.quantities import Measurement
 from uw_recon_ros.pairing import PAIR_TOLERANCE_MS
 from uw_recon_ros.pipeline import Pipeline, PipelineParams, Products, read_values
 from uw_recon_ros.recordings.options import Options
@@ -139,6 +141,77 @@ def reconstruct(
         The images are not a pair. Products raise what else the images or the calibration did not allow.
     """
     return Pipeline(params or PipelineParams()).begin(stereo_pair(left, right, calibration))
+
+
+def calibrate(
+    source: str | Path, output: str | Path, *, square_mm: float, size: tuple[int, int] | None = None,
+    board: str = "checkerboard", medium: str = "unknown", overwrite: bool = False,
+) -> StereoCalibration:  # fmt: skip
+    """Calibrate a rig with pictures of a board, as ``uw_recon calibrate`` does; the folder has the page and the files.
+
+    Parameters
+    ----------
+    source : path
+        A folder of stills, a bag, a video.
+    output : path
+        Folder to fill; ``calibration.json`` says in ``warnings`` and ``depth_errors`` what it is worth.
+    square_mm : float
+        Side of the board's squares, over 0.
+    size : (columns, rows) or None
+        Of a checkerboard's inner corners; None: found.
+    board : str
+        ``checkerboard``, ``charuco``, ``aprilgrid`` or a kind of circles.
+    medium : {'water', 'air', 'unknown'}
+    overwrite : bool
+
+    Raises
+    ------
+    ReconError
+        What the pictures did not allow.
+    ValueError
+        The squares have no size.
+    """
+    from uw_recon_ros.calibrate_files import BoardAsked, calibrate_files
+    from uw_recon_ros.files.calibrations import read_calibration
+
+    if not square_mm > 0:
+        raise ValueError(f"square_mm: expected over 0, got {square_mm:g}")
+    calibrate_files(source, output, BoardAsked(board, size, square_mm / 1e3), medium=medium, overwrite=overwrite)
+    return read_calibration(Path(output) / "calibration.json")
+
+
+def measure(
+    folder: str | Path, quantity: str, points: Sequence[tuple[float, float]], *, frame: str = "",
+    plane: Sequence[tuple[float, float]] | None = None, click_px: float = 1.0,
+) -> list[Measurement]:  # fmt: skip
+    """Measure in what `pair` or `survey` left, as ``uw_recon measure`` does.
+
+    Parameters
+    ----------
+    folder : path
+        Of a pair, or of a survey with its kept frames.
+    quantity : {'length', 'height', 'area'}
+    points : sequence of (u, v)
+        Rectified px, as in ``left_rect.png``.
+    frame : str
+        Of a survey, e.g. ``000012``.
+    plane : sequence of (u, v) or None
+        Corners of what heights are measured from; None: the bottom.
+    click_px : float
+        Standard deviation of each coordinate of a point, px.
+
+    Raises
+    ------
+    ReconError
+        There is nothing to measure in, or no depth there.
+    ValueError
+        Too few points.
+    """
+    from uw_recon_ros import measure_files
+
+    opened = measure_files.open_frame(folder, frame)
+    options = {"plane": plane, "click_px": click_px, "calibration": opened.calibration}
+    return measure_files.measure(opened, quantity, points, **options)  # type: ignore[arg-type]
 
 
 def read_parameters(path: str | Path) -> PipelineParams:

@@ -1,1 +1,5 @@
 """Lengths, heights and areas in one rectified view with its disparity, each with its standard deviation."""
+
+from uw_recon_ros.lazy import make_callable
+
+make_callable(__name__, "uw_recon_ros.api")
