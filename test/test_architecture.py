@@ -42,12 +42,13 @@ OFFLINE = NOUNS | STAGE_ROOMS | NODE_PARAMS | {"pipeline"}
 MAY_IMPORT = {
     **dict.fromkeys(NOUNS, NOUNS),
     "": OFFLINE | {"api"},
-    "api": OFFLINE | {"given_pair", "bags", "recordings", "measure", "measure_files", "calibrate", "calibrate_files"},
+    "api": OFFLINE
+    | {"rectified_input", "bags", "recordings", "measure", "measure_files", "calibrate", "calibrate_files"},
     **{room: NOUNS | {room} for room in STAGE_ROOMS},
     "node_params": NOUNS,
     "catalogue": NOUNS | STAGE_ROOMS | NODE_PARAMS | {"track", "live"},
     "pipeline": OFFLINE,
-    "given_pair": NOUNS | STAGE_ROOMS,
+    "rectified_input": NOUNS | STAGE_ROOMS,
     "warm": NOUNS | STAGE_ROOMS,
     "messages": NOUNS | {"messages"},
     "bags": NOUNS | {"bags", "messages"},
@@ -57,8 +58,8 @@ MAY_IMPORT = {
     "align": NOUNS | {"track", "align"},
     "locate": NOUNS | {"track", "align", "locate"},
     "fuse": NOUNS | {"fuse"},
-    "drape": NOUNS | {"fuse", "drape"},
-    "live": NOUNS | {"track", "align", "fuse", "drape", "live"},
+    "texturing": NOUNS | {"fuse", "texturing"},
+    "live": NOUNS | {"track", "align", "fuse", "texturing", "live"},
     "georeference": NOUNS | {"georeference"},
     "report": NOUNS | {"report"},
     "calibrate": NOUNS | {"rectify", "calibrate"},
@@ -66,14 +67,14 @@ MAY_IMPORT = {
     "measure_files": NOUNS | {"measure", "survey"},
     "calibrate_files": NOUNS | {"calibrate", "recordings", "bags", "report"},
     "calibrate_live": NOUNS | {"calibrate", "calibrate_files"},
-    "pair": OFFLINE | {"given_pair", "recordings", "report", "warm"},
+    "pair": OFFLINE | {"rectified_input", "recordings", "report", "warm"},
     "doctor": NOUNS | {"rectify", "node_params", "doctor"},
     "ros": NOUNS | STAGE_ROOMS | NODE_PARAMS | {"ros", "doctor", "messages"},
     "nodes": OFFLINE
     | {"ros", "nodes", "bags", "track", "fuse", "live", "model", "calibrate", "calibrate_files", "calibrate_live"},
     "survey": OFFLINE | {"survey", "recordings", "bags", "report", "messages", "warm"},
     "model": OFFLINE
-    | {"survey", "recordings", "report", "bags", "track", "locate", "fuse", "drape", "georeference", "model"},
+    | {"survey", "recordings", "report", "bags", "track", "locate", "fuse", "texturing", "georeference", "model"},
     "executables": {"", "signals"},
     "cli": OFFLINE
     | {"cli", "pair", "warm", "bags", "recordings", "simulate", "report", "survey", "model", "doctor", "ros"}

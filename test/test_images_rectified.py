@@ -10,7 +10,7 @@ import pytest
 from uw_recon_ros.bags.stereo import StereoTopics
 from uw_recon_ros.calibration import make_camera
 from uw_recon_ros.calibration.judge import judge_calibration
-from uw_recon_ros.calibration.rectified import as_rectified, came_rectified, named_rectified
+from uw_recon_ros.calibration.rectified import as_rectified, named_rectified, rectified_by_name
 from uw_recon_ros.recordings.pair_index import Rigs
 from uw_recon_ros.rectify import RectifyParams
 from uw_recon_ros.rectify.tracker import RigTracker
@@ -53,8 +53,8 @@ def test_names_that_do_not(topic: str) -> None:
 
 @pytest.mark.parametrize(("told", "expected"), [("auto", True), ("yes", True), ("no", False)])
 def test_what_is_told_wins_over_the_name(told: str, expected: bool) -> None:
-    assert came_rectified(told, "/left/image_rect") == expected
-    assert came_rectified(told, "/left/image_raw") == (told == "yes")
+    assert rectified_by_name(told, "/left/image_rect") == expected
+    assert rectified_by_name(told, "/left/image_raw") == (told == "yes")
 
 
 def test_p_alone_describes_a_rectified_image() -> None:

@@ -13,13 +13,13 @@ from pathlib import Path
 
 import uw_recon_ros.calibrate  # noqa: F401  (the room, so that the name is one thing from the start)
 from uw_recon_ros.bags.reader import BagReader, open_bag
-from uw_recon_ros.given_pair import ready_to_match, stereo_pair
 from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.measure.quantities import Measurement
 from uw_recon_ros.pairing import PAIR_TOLERANCE_MS
 from uw_recon_ros.pipeline import Pipeline, PipelineParams, Products, read_values
 from uw_recon_ros.recordings.options import Options
 from uw_recon_ros.recordings.recording import Recording
+from uw_recon_ros.rectified_input import ready_to_match, stereo_pair
 from uw_recon_ros.types import EnhancedPair, Matches, RawImage, RectifiedPair, StereoCalibration, StereoPair
 
 

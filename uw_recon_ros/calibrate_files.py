@@ -17,7 +17,7 @@ import numpy as np
 
 from uw_recon_ros.board_kinds import APRILGRID, CHARUCO, CHECKERBOARD
 from uw_recon_ros.boards import Board
-from uw_recon_ros.calibrate.advice import Session, advise, describe
+from uw_recon_ros.calibrate.advice import CalibrationSession, advise, describe
 from uw_recon_ros.calibrate.bundle import SeenPair
 from uw_recon_ros.calibrate.detect import Sighting, find_board, find_checkerboard_size
 from uw_recon_ros.calibrate.fit import Fit, LeftOut, baseline_sigma, solve
@@ -26,7 +26,7 @@ from uw_recon_ros.calibrate.optics import NAMES
 from uw_recon_ros.calibrate.ports import ALL_NAMES, AirRig, PortGlass, PortRig, port_findings, solve_ports
 from uw_recon_ros.calibrate.rig import RigNumbers
 from uw_recon_ros.calibrate.screen import different_ones, mirrored, sharp_ones, unseen_reason
-from uw_recon_ros.calibrate.worth import DepthError, HeldOut, depth_errors, held_out
+from uw_recon_ros.calibrate.worth import DepthError, HeldOut, depth_errors_by_range, held_out
 from uw_recon_ros.calibration.judge import judge_calibration
 from uw_recon_ros.errors import CalibrationError, ReconError
 from uw_recon_ros.files.atomic import claim_folder, finite, write_json
@@ -126,7 +126,7 @@ class Result:
     fit: Fit
     left_out: tuple[LeftOut, ...]
     rig: RigNumbers
-    session: Session
+    session: CalibrationSession
     errors: tuple[DepthError, ...]
     held: HeldOut | None
     findings: tuple[Finding, ...]
@@ -337,7 +337,7 @@ def calibrate_seen(
         )
     points = board.points()
     session = describe(fit.bundle, fit.pairs, points, size)
-    errors = depth_errors(behind or rig, fit.bundle.covariance) if metric else ()
+    errors = depth_errors_by_range(behind or rig, fit.bundle.covariance) if metric else ()
     held = None if ports else held_out(fit.bundle, fit.pairs, points, size)
     of_ports = port_findings(fit.bundle, ports.air) if ports else tuple(_of_medium(medium))
     told = (*of_ports, *_of_scale(rig, metric, size))

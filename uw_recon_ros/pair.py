@@ -19,11 +19,11 @@ from uw_recon_ros.files.disparities import check_disparity_format, write_dispari
 from uw_recon_ros.files.images import read_image, write_image
 from uw_recon_ros.files.meshes import write_glb, write_ply
 from uw_recon_ros.findings import Code, Severity, severe, worst
-from uw_recon_ros.given_pair import ready_to_match, stereo_pair
 from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.pipeline import Pipeline, PipelineParams, Products
 from uw_recon_ros.progress import say
 from uw_recon_ros.recordings.views import both_views
+from uw_recon_ros.rectified_input import ready_to_match, stereo_pair
 from uw_recon_ros.report.content import Clickable
 from uw_recon_ros.report.figures import colorize_disparity
 from uw_recon_ros.report.pair import write_pair_page

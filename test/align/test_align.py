@@ -8,7 +8,7 @@ from helpers.track_scenes import GEOMETRY, bottom, descriptors, motion, seen
 
 from uw_recon_ros import rigid
 from uw_recon_ros.align.graph import Anchors, Edges, residuals, solve_graph
-from uw_recon_ros.align.loops import believable, candidates, summed_covariances, surprise
+from uw_recon_ros.align.loops import candidates, loop_chi2, passes_chi2_gate, summed_covariances
 from uw_recon_ros.align.self_calibration import calibrate, corrected
 from uw_recon_ros.track.keypoints import RigError
 from uw_recon_ros.track.params import TrackParams
@@ -124,8 +124,8 @@ def test_a_loop_that_the_track_cannot_have_made_is_not_believed() -> None:
     steps = np.tile(SIGMA, (60, 1, 1))
     sums = summed_covariances(poses, steps)
     true = rigid.inverse(poses[10]) @ poses[40]
-    assert believable(surprise(poses, sums, 10, 40, true, SIGMA))
-    assert not believable(surprise(poses, sums, 10, 40, true @ motion(0.25, 0, 0, 0, 0, 0), SIGMA))
+    assert passes_chi2_gate(loop_chi2(poses, sums, 10, 40, true, SIGMA))
+    assert not passes_chi2_gate(loop_chi2(poses, sums, 10, 40, true @ motion(0.25, 0, 0, 0, 0, 0), SIGMA))
     # the sum over the stretch is that of carrying every step on its own
     by_hand = np.zeros((6, 6))
     for k in range(11, 41):

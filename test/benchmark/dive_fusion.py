@@ -20,7 +20,7 @@ from uw_recon_ros.evaluate_surface import TriangleSearch, surface_errors
 from uw_recon_ros.fuse.frame import PosedFrame
 from uw_recon_ros.model.compose import compose
 from uw_recon_ros.model.params import DiveModelParams
-from uw_recon_ros.model.work import Task, World
+from uw_recon_ros.model.work import TileTask, World
 from uw_recon_ros.simulate import CourseParams, SimulateParams, SurveyDive
 from uw_recon_ros.simulate.params import defaults_on
 from uw_recon_ros.simulate.survey_dive import surface_mesh
@@ -63,7 +63,7 @@ def row(name: str, frames: list[DiveFrame], folder: Path, params: DiveModelParam
     dive, given = dive_of(name), [posed(frame) for frame in frames]
     shutil.rmtree(folder, ignore_errors=True)
     began = time.process_time()
-    made = compose(Task(given, folder, params, World()))
+    made = compose(TileTask(given, folder, params, World()))
     cpu = (time.process_time() - began) / len(frames)
     most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
     vertices, faces = surface_mesh(dive, _STEP_M)

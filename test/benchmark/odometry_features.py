@@ -23,7 +23,7 @@ from dive_model import DIVES, tracked, true_way
 
 from uw_recon_ros import rigid
 from uw_recon_ros.evaluate_trajectory import trajectory_errors
-from uw_recon_ros.locate.walk import Walker, first_poses
+from uw_recon_ros.locate.visual_odometry import Walker, first_poses
 from uw_recon_ros.track.keypoints import Keypoints, equalised, sampled, with_disparity
 from uw_recon_ros.track.odometry import Odometer
 from uw_recon_ros.track.params import OdometryParams, TrackParams

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.match.methods import EFFORTS
 from uw_recon_ros.match.planes import matcher
-from uw_recon_ros.match.planes.open_water import Water
+from uw_recon_ros.match.planes.open_water import OpenWater
 from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.preprocess.stage import Preprocess
 from uw_recon_ros.reconstruct.stage import Reconstruct
@@ -146,7 +146,7 @@ def main() -> int:
     parser.add_argument("--underwater", type=Path, default=UNDERWATER, help="folder of the real pairs")
     args = parser.parse_args()
     if args.without:
-        matcher.open_water = lambda left, *_: Water(*np.zeros((2, *left.shape[:2]), np.bool_))
+        matcher.open_water = lambda left, *_: OpenWater(*np.zeros((2, *left.shape[:2]), np.bool_))
         matcher.unfounded = lambda disparity, *_: np.zeros(disparity.shape, np.bool_)
     sys.stdout.write(f"| {' | '.join(COLUMNS)} |\n" + "|" + " --- |" * len(COLUMNS) + "\n")
     for view in views(args.waters, args.underwater):

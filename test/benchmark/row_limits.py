@@ -20,7 +20,7 @@ from uw_recon_ros.pair import read_pair
 from uw_recon_ros.preprocess.stage import Preprocess, PreprocessParams
 from uw_recon_ros.rectify import RectifyParams, find_tie_points
 from uw_recon_ros.rectify.calibrated import rectification_from_calibration
-from uw_recon_ros.rectify.rows import RowAgreement
+from uw_recon_ros.rectify.row_error import RowAgreement
 from uw_recon_ros.types import StereoCalibration
 
 ANGLES_DEG = (0.0, 0.02, 0.05, 0.1, 0.2, 0.5)

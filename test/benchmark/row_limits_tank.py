@@ -22,7 +22,7 @@ from uw_recon_ros.pair import read_pair
 from uw_recon_ros.preprocess.stage import Preprocess
 from uw_recon_ros.rectify import RectifyParams, find_tie_points
 from uw_recon_ros.rectify.calibrated import judged, rectification_from_calibration
-from uw_recon_ros.rectify.rows import RowAgreement
+from uw_recon_ros.rectify.row_error import RowAgreement
 from uw_recon_ros.types import CameraModel, StereoCalibration
 
 ROOT = Path(__file__).resolve().parents[2]

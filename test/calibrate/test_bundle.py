@@ -14,7 +14,7 @@ from uw_recon_ros.calibrate.detect import Sighting
 from uw_recon_ros.calibrate.fit import ordered_alike, solve
 from uw_recon_ros.calibrate.optics import SIDES, intrinsic_matrix, project_left, project_right
 from uw_recon_ros.calibrate.rig import RigNumbers
-from uw_recon_ros.calibrate.worth import depth_errors, depth_sigmas, held_out, length_errors
+from uw_recon_ros.calibrate.worth import depth_errors_by_range, depth_sigmas, held_out, length_errors
 from uw_recon_ros.calibration.judge import judge_calibration
 from uw_recon_ros.errors import CalibrationError
 from uw_recon_ros.findings import Code
@@ -58,7 +58,7 @@ def test_thirty_tilted_pairs_know_depth_to_four_permille() -> None:
         assert fit.bundle.noise_px == pytest.approx(0.3, rel=0.05)
         assert not fit.left_out
         assert np.sqrt(np.mean(depth_misses(found, rig, 3.0) ** 2)) <= 4e-3
-        told = depth_errors(found, fit.bundle.covariance)
+        told = depth_errors_by_range(found, fit.bundle.covariance)
         assert all(e.middle_percent <= e.worst_percent for e in told)
         assert told[3].mean_percent < 0.4
 
@@ -67,7 +67,8 @@ def test_few_flat_pairs_are_told_to_know_less() -> None:
     rig = rig_of(1, **LARGE)
     flat, tilted = (solve(sightings(rig, 8, 1, tilt_rad=tilt), BOARD, SIZE) for tilt in (0.02, 0.4))
     worst = [
-        depth_errors(RigNumbers(f.bundle.numbers, SIZE), f.bundle.covariance)[3].worst_percent for f in (flat, tilted)
+        depth_errors_by_range(RigNumbers(f.bundle.numbers, SIZE), f.bundle.covariance)[3].worst_percent
+        for f in (flat, tilted)
     ]
     assert flat.bundle.rms_px == pytest.approx(tilted.bundle.rms_px, rel=0.1)  # which rms does not tell
     assert worst[0] > 3 * worst[1]

@@ -32,10 +32,10 @@ from uw_recon_ros.doctor.observation import (
     Arrivals,
     ClockSight,
     Endpoint,
+    NodeStatus,
     Observation,
-    Status,
+    ObservedTopic,
     Surroundings,
-    Topic,
 )
 from uw_recon_ros.doctor.suggestions import actual_names, for_image, says_side
 from uw_recon_ros.doctor.text import as_json, as_table
@@ -78,7 +78,7 @@ def test_nothing_at_all_is_seen() -> None:
     assert "multicast" in cause(Observation(surroundings=replace(around, discovery_range="")))
 
 
-def no_camera(*others: Topic) -> Observation:
+def no_camera(*others: ObservedTopic) -> Observation:
     seen = change(healthy(), left__image_raw=topic("left/image_raw"), right__image_raw=topic("right/image_raw"))
     return replace(without_clouds(seen), others=others)
 
@@ -98,7 +98,7 @@ def no_camera(*others: Topic) -> Observation:
         ((published("/usb_cam/image_raw"),), "images seen: /usb_cam/image_raw"),
     ],
 )
-def test_no_publisher_and_what_was_meant(others: tuple[Topic, ...], words: str) -> None:
+def test_no_publisher_and_what_was_meant(others: tuple[ObservedTopic, ...], words: str) -> None:
     line = cause(no_camera(*others))
     assert "/left/image_raw: no publisher" in line
     assert words in line
@@ -328,8 +328,8 @@ def test_a_node_that_is_not_active(state: str, words: str) -> None:
 def test_a_refused_rectification() -> None:
     drops = {"dropped: EstimationError": "12", "dropped: superseded by newer": "3"}
     drops["last drop code"] = "rectify.exchanged"
-    refused = Status(2, "left and right images are swapped: expected positive disparities, got 99 %", drops)
-    seen = with_node(without_clouds(healthy(), since=1), "rectify_node", statuses=(refused, Status(0, "idle")))
+    refused = NodeStatus(2, "left and right images are swapped: expected positive disparities, got 99 %", drops)
+    seen = with_node(without_clouds(healthy(), since=1), "rectify_node", statuses=(refused, NodeStatus(0, "idle")))
     line = cause(seen)
     assert "/rectify_node refuses every frame: left and right images are swapped" in line
     assert "EstimationError x12" in line
@@ -339,13 +339,13 @@ def test_a_refused_rectification() -> None:
 
 def test_frames_given_up_so_far_are_told() -> None:
     drops = {"dropped: lost on the way: left/image_raw": "7", "dropped: superseded by newer": "30"}
-    seen = with_node(healthy(), "preprocess_node", statuses=(Status(0, "working", drops),))
+    seen = with_node(healthy(), "preprocess_node", statuses=(NodeStatus(0, "working", drops),))
     (line,) = [f.text for f in diagnose(seen).findings if f.stage == "preprocess"]
     assert line.endswith("given up so far: lost on the way: left/image_raw x7")
 
 
 def test_what_a_working_node_warns_of() -> None:
-    slow = Status(1, "target_rate_hz missed: 2.1 of 5", {"rate": "target_rate_hz missed: 2.1 of 5"})
+    slow = NodeStatus(1, "target_rate_hz missed: 2.1 of 5", {"rate": "target_rate_hz missed: 2.1 of 5"})
     assert "/disparity_node: target_rate_hz missed" in warnings(
         with_node(healthy(), "disparity_node", statuses=(slow,))
     )
@@ -360,11 +360,11 @@ def test_what_a_working_node_warns_of() -> None:
 )
 def test_a_node_that_is_busy(values: dict[str, str], words: str) -> None:
     seen = without_clouds(healthy(), since=2)
-    assert words in cause(with_node(seen, "disparity_node", statuses=(Status(0, "idle", values),)))
+    assert words in cause(with_node(seen, "disparity_node", statuses=(NodeStatus(0, "idle", values),)))
 
 
 def test_a_transition_that_failed() -> None:
-    failed = Status(2, "x", {"transition": "configure failed: no room"})
+    failed = NodeStatus(2, "x", {"transition": "configure failed: no room"})
     seen = with_node(without_clouds(healthy(), since=1), "rectify_node", lifecycle="unconfigured", statuses=(failed,))
     assert "/rectify_node is unconfigured: configure failed: no room" in cause(seen)
 
@@ -388,7 +388,7 @@ def test_what_a_pipeline_says_is_said_once() -> None:
     seen = healthy()
     for name in ("left/image_matching", "rectified/left/image_rect", "disparity", "points2"):
         seen = spoil(seen, name, publishers=(Endpoint("/pipeline_node", TYPES[name]),))
-    refused = node("pipeline_node", statuses=(Status(2, "no parallax: expected"),))
+    refused = node("pipeline_node", statuses=(NodeStatus(2, "no parallax: expected"),))
     seen = without_clouds(replace(seen, nodes={}), since=1)
     found = diagnose(replace(seen, nodes={"pipeline_node": refused})).findings
     assert sum("no parallax" in f.text for f in found) == 1
@@ -398,10 +398,10 @@ def test_what_a_pipeline_says_is_said_once() -> None:
 def test_clouds_with_little_or_nothing_in_them() -> None:
     empty = spoil(healthy(), "points2", arrivals=images(valid_share=0.0))
     assert "clouds without a point -> look at disparity/status" in cause(empty)
-    behind = Status(0, "working", {"disparities": "-77 to -25 px"})
+    behind = NodeStatus(0, "working", {"disparities": "-77 to -25 px"})
     exchanged = cause(with_node(empty, "disparity_node", statuses=(behind,)))
     assert "left and right images seem swapped; disparities are -77 to -25 px -> swap the topics" in exchanged
-    ahead = Status(0, "working", {"disparities": "-7 to 25 px"})
+    ahead = NodeStatus(0, "working", {"disparities": "-7 to 25 px"})
     assert "exchanged" not in cause(with_node(empty, "disparity_node", statuses=(ahead,)))
     assert "3% of the pixels have a point" in warnings(spoil(healthy(), "points2", arrivals=images(valid_share=0.03)))
     nowhere = spoil(healthy(), "points2", arrivals=images(valid_share=0.9, frame_id=""))
@@ -410,7 +410,7 @@ def test_clouds_with_little_or_nothing_in_them() -> None:
 
 def test_nobody_listens_or_elsewhere() -> None:
     assert "nobody but this doctor listens" in warnings(spoil(healthy(), "points2", subscribers=()))
-    astray = Topic("/points2", subscribers=(Endpoint("/rviz2", POINT_CLOUD),))
+    astray = ObservedTopic("/points2", subscribers=(Endpoint("/rviz2", POINT_CLOUD),))
     seen = replace(spoil(healthy(), "points2", name="/rov/points2"), others=(astray,))
     assert "waiting where nobody publishes: /rviz2 on /points2 (ours is /rov/points2)" in warnings(seen)
 
@@ -471,7 +471,7 @@ def test_without_ros_it_says_what_to_do() -> None:
     assert line.startswith("uw_recon: doctor: expected ROS 2, no module rclpy: source its setup.bash")
 
 
-def with_odometry(status: Status, came: Arrivals) -> Observation:
+def with_odometry(status: NodeStatus, came: Arrivals) -> Observation:
     """A healthy graph in which odometry_node runs too."""
     seen = healthy()
     nodes = {**seen.nodes, "odometry_node": node("odometry_node", statuses=(status,))}
@@ -479,7 +479,7 @@ def with_odometry(status: Status, came: Arrivals) -> Observation:
 
 
 def test_odometry_is_looked_at_where_it_runs() -> None:
-    found = diagnose(with_odometry(Status(0, "working", {}), images()))
+    found = diagnose(with_odometry(NodeStatus(0, "working", {}), images()))
     assert found.healthy
     assert any(f.stage == "odometry" and f.level == Level.OK and "10.0 Hz" in f.text for f in found.findings)
     assert not any(f.stage == "odometry" for f in diagnose(healthy()).findings)
@@ -487,11 +487,11 @@ def test_odometry_is_looked_at_where_it_runs() -> None:
 
 def test_lost_odometry_is_told_and_no_reason_for_missing_clouds() -> None:
     values = {"odometry": "lost for 3.0 s", "codes": "odometry.lost", "odometry.lost": "lost for 3.0 s"}
-    seen = with_odometry(Status(1, "lost for 3.0 s: too little in common", values), Arrivals())
+    seen = with_odometry(NodeStatus(1, "lost for 3.0 s: too little in common", values), Arrivals())
     assert "lost for 3.0 s" in warnings(seen)
     (finding,) = [f for f in diagnose(seen).findings if f.stage == "odometry" and "lost" in f.text]
     assert "slower" in finding.advice
-    hanging = with_odometry(Status(2, "every frame dropped", {}), Arrivals())
+    hanging = with_odometry(NodeStatus(2, "every frame dropped", {}), Arrivals())
     assert diagnose(hanging).healthy
 
 

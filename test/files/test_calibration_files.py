@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from uw_recon_ros.calibration import scaled
 from uw_recon_ros.calibration.judge import judge_calibration
-from uw_recon_ros.calibration.together import Lens, Parts, right_from_left
+from uw_recon_ros.calibration.stereo_pose import Lens, Parts, right_from_left
 from uw_recon_ros.cli import main
 from uw_recon_ros.errors import CalibrationError
 from uw_recon_ros.files.calibrations import FORMS, WRITERS, read_calibration, write_calibration

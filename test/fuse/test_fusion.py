@@ -13,10 +13,10 @@ from uw_recon_ros import rigid
 from uw_recon_ros.errors import ModelError
 from uw_recon_ros.findings import Code
 from uw_recon_ros.fuse.blocks import pack, tiles_of, unpack
-from uw_recon_ros.fuse.cubes import TABLE, Patch, extract, joined
 from uw_recon_ros.fuse.frame import PosedFrame
 from uw_recon_ros.fuse.integrate import Volume, empty_volume
 from uw_recon_ros.fuse.layout import LayoutBuilder, round_step
+from uw_recon_ros.fuse.marching_cubes import TABLE, Patch, extract, joined
 from uw_recon_ros.fuse.pieces import seen_by, without_loose_pieces
 
 BALL = Ground(((np.zeros(3), RADIUS),), plane=False)

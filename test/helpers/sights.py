@@ -10,10 +10,10 @@ from uw_recon_ros.doctor.observation import (
     CameraNumbers,
     Endpoint,
     GraphNode,
+    NodeStatus,
     Observation,
-    Status,
+    ObservedTopic,
     Surroundings,
-    Topic,
 )
 from uw_recon_ros.doctor.topic_graph import CHAIN, TYPES
 from uw_recon_ros.topics import IMAGE
@@ -43,15 +43,17 @@ def images(stamps: tuple[int, ...] = STAMPS, **changes: Any) -> Arrivals:
     return replace(came, **changes)
 
 
-def topic(name: str, maker: str | None = None, came: Arrivals | None = None, **ends: Any) -> Topic:
+def topic(name: str, maker: str | None = None, came: Arrivals | None = None, **ends: Any) -> ObservedTopic:
     publishers = (Endpoint(maker, TYPES[name]),) if maker else ()
-    return Topic(f"/{name}", **{"publishers": publishers, "arrivals": came or Arrivals(), **ends})
+    return ObservedTopic(f"/{name}", **{"publishers": publishers, "arrivals": came or Arrivals(), **ends})
 
 
 def node(name: str, **changes: Any) -> GraphNode:
     values = {"in groups [Hz]": "10.00", "density": "0.91"}
     parameters = {"use_sim_time": False, "pair_tolerance_ms": 1.0}
-    return replace(GraphNode(f"/{name}", parameters=parameters, statuses=(Status(0, "working", values),)), **changes)
+    return replace(
+        GraphNode(f"/{name}", parameters=parameters, statuses=(NodeStatus(0, "working", values),)), **changes
+    )
 
 
 def healthy() -> Observation:
@@ -86,7 +88,7 @@ def without_clouds(seen: Observation, since: int = 0) -> Observation:
     """What follows when a stage gives nothing: neither it nor those after it do; the rest waits."""
     for name in list(MAKERS)[since:]:
         seen = spoil(seen, name, arrivals=Arrivals())
-    waiting = (Status(1, "waiting for something", {"silent": "waiting for something"}),)
+    waiting = (NodeStatus(1, "waiting for something", {"silent": "waiting for something"}),)
     later = list(seen.nodes)[since + (since > 0) :]
     nodes = {name: replace(n, statuses=waiting) if name in later else n for name, n in seen.nodes.items()}
     return replace(seen, nodes=nodes)
@@ -96,5 +98,5 @@ def with_node(seen: Observation, name: str, **changes: Any) -> Observation:
     return replace(seen, nodes={**seen.nodes, name: replace(seen.nodes[name], **changes)})
 
 
-def published(name: str, kind: str = IMAGE, maker: str = "/driver") -> Topic:
-    return Topic(name, publishers=(Endpoint(maker, kind),))
+def published(name: str, kind: str = IMAGE, maker: str = "/driver") -> ObservedTopic:
+    return ObservedTopic(name, publishers=(Endpoint(maker, kind),))

@@ -9,10 +9,10 @@ import numpy as np
 
 from uw_recon_ros import rigid
 from uw_recon_ros.fuse.blocks import touched_blocks
-from uw_recon_ros.fuse.cubes import Patch, extract
 from uw_recon_ros.fuse.frame import PosedFrame, view_of
 from uw_recon_ros.fuse.integrate import Volume, empty_volume
 from uw_recon_ros.fuse.layout import band_of
+from uw_recon_ros.fuse.marching_cubes import Patch, extract
 from uw_recon_ros.types import ByteImage, FloatImage, Matrix, StereoGeometry
 
 WIDTH, HEIGHT = 96, 72

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from uw_recon_ros.match.planes.open_water import Water
+from uw_recon_ros.match.planes.open_water import OpenWater
 from uw_recon_ros.match.planes.unfounded import unfounded
 from uw_recon_ros.types import FloatImage, Mask
 
@@ -19,11 +19,11 @@ def _nothing() -> tuple[FloatImage, FloatImage]:
     return np.full(SHAPE, np.nan, np.float32), np.full(SHAPE, np.nan, np.float32)
 
 
-def _water(shown: bool = False, faint: bool = False) -> Water:
-    return Water(np.full(SHAPE, shown), np.full(SHAPE, faint))
+def _water(shown: bool = False, faint: bool = False) -> OpenWater:
+    return OpenWater(np.full(SHAPE, shown), np.full(SHAPE, faint))
 
 
-def _lost(trust: float, water: Water, *, at: float = 20.0, around: float = np.nan, least: float = 0.0) -> Mask:
+def _lost(trust: float, water: OpenWater, *, at: float = 20.0, around: float = np.nan, least: float = 0.0) -> Mask:
     """What is lost of `PIECE`, of this confidence, before surroundings of a disparity `around`."""
     disparity, confidence = _nothing()
     disparity[:], confidence[:] = around, np.float32(0.99) if np.isfinite(around) else np.nan
@@ -91,11 +91,11 @@ def test_pieces_go_whole_and_only_where_there_is_something(seed: int) -> None:
     disparity = np.where(values == 0, np.float32(np.nan), values)
     confidence = np.where(values == 0, np.float32(np.nan), rng.random(values.shape, np.float32))
     lost = unfounded(
-        disparity, confidence, Water(rng.random(values.shape) < 0.5, rng.random(values.shape) < 0.5), LIMITS
+        disparity, confidence, OpenWater(rng.random(values.shape) < 0.5, rng.random(values.shape) < 0.5), LIMITS
     )
     assert not lost[np.isnan(disparity)].any()
     same = disparity[:, 1:] == disparity[:, :-1]
     assert (lost[:, 1:] == lost[:, :-1])[same].all()
     sure = np.where(np.isfinite(disparity), np.float32(1), disparity)
     nothing = np.zeros(values.shape, np.bool_)
-    assert not unfounded(disparity, sure, Water(nothing, nothing), LIMITS).any()
+    assert not unfounded(disparity, sure, OpenWater(nothing, nothing), LIMITS).any()

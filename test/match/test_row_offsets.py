@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from test_match_stage import GEOMETRY
 from test_planes_matcher import Image, pair_of
 
-from uw_recon_ros.match.rows import mend_rows
+from uw_recon_ros.match.row_correction import mend_rows
 from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.types import DisparityMap, RectificationQuality, RectifiedPair
 

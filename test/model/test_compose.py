@@ -12,7 +12,6 @@ import tifffile
 import trimesh
 from helpers.surface_scenes import Ground, looking_down, paint, taken
 
-from uw_recon_ros.drape.simplify import has_extra
 from uw_recon_ros.errors import ModelError
 from uw_recon_ros.findings import Code
 from uw_recon_ros.fuse.frame import PosedFrame
@@ -21,7 +20,8 @@ from uw_recon_ros.model import compose as composing
 from uw_recon_ros.model.compose import Composed, compose
 from uw_recon_ros.model.files import has_laz
 from uw_recon_ros.model.params import DiveModelParams
-from uw_recon_ros.model.work import Task, Tell, World, say_nothing
+from uw_recon_ros.model.work import Tell, TileTask, World, say_nothing
+from uw_recon_ros.texturing.simplify import has_extra
 
 GROUND = Ground(((np.array([0.1, 0.0, 0.1]), 0.12),))
 PARAMS = DiveModelParams(voxel_m=0.02, texture_px=256, tiles="always", terrain="yes", texture_faces=400)
@@ -41,7 +41,7 @@ def composed(
     folder: Path, frames: list[PosedFrame] | None = None, params: DiveModelParams = PARAMS, tell: Tell = say_nothing,
     world: World | None = None,
 ) -> Composed:  # fmt: skip
-    return compose(Task(dive() if frames is None else frames, folder, params, world or World(), tell))
+    return compose(TileTask(dive() if frames is None else frames, folder, params, world or World(), tell))
 
 
 def contents(folder: Path) -> dict[str, bytes]:

@@ -20,7 +20,7 @@ from uw_recon_ros.errors import ModelError
 from uw_recon_ros.files.trajectories import read_tum, write_tum
 from uw_recon_ros.findings import Code
 from uw_recon_ros.model import maps
-from uw_recon_ros.model.build import Request, build_model
+from uw_recon_ros.model.build import ModelRequest, build_model
 from uw_recon_ros.model.evaluate import distances, evaluate_model
 from uw_recon_ros.model.page import tracks_of
 from uw_recon_ros.model.params import DiveModelParams
@@ -69,7 +69,7 @@ def frames(survey: Path) -> list[Path]:
 
 
 def build_quietly(survey: Path, **more: Any) -> dict[str, Any]:
-    return build_model(Request(str(survey), **{"params": DiveModelParams(**QUICK), **more}), lambda _: None)
+    return build_model(ModelRequest(str(survey), **{"params": DiveModelParams(**QUICK), **more}), lambda _: None)
 
 
 def refused(survey: Path, **more: Any) -> ModelError:

@@ -15,7 +15,7 @@ from uw_recon_ros.bags.writer import BagWriter
 from uw_recon_ros.findings import Code
 from uw_recon_ros.georeference.crs import LOCAL
 from uw_recon_ros.messages.headers import header
-from uw_recon_ros.model.outside import Outside, read_outside
+from uw_recon_ros.model.external_poses import Outside, read_outside
 from uw_recon_ros.simulate.course import Course
 from uw_recon_ros.simulate.params import CourseParams, SimulateParams, defaults_on
 from uw_recon_ros.simulate.rig import LEFT_FRAME

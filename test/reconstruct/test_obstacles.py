@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from uw_recon_ros.mount import MountParams
-from uw_recon_ros.reconstruct.obstacles import FindObstacles, ObstacleParams, Surroundings, nearest_agreed
+from uw_recon_ros.reconstruct.obstacles import FindObstacles, ObstacleParams, ObstacleScan, nearest_agreed
 from uw_recon_ros.types import DepthMap, DisparityMap, StereoGeometry
 
 WIDTH, HEIGHT, FOCAL = 160, 120, 100.0
@@ -37,7 +37,7 @@ def disparities(depth: DepthMap, **changes: object) -> DisparityMap:
 
 
 class Finder(FindObstacles):
-    def look(self, depth: DepthMap, disparity: DisparityMap | None = None) -> Surroundings:
+    def look(self, depth: DepthMap, disparity: DisparityMap | None = None) -> ObstacleScan:
         return super().look(depth, disparity or disparities(depth))
 
 

@@ -12,7 +12,7 @@ from uw_recon_ros.findings import Code, Severity
 from uw_recon_ros.pipeline import Pipeline, PipelineParams
 from uw_recon_ros.rectify import RectifyParams, TiePoints
 from uw_recon_ros.rectify.calibrated import rectification_from_calibration, unjudged
-from uw_recon_ros.rectify.rows import RowAgreement
+from uw_recon_ros.rectify.row_error import RowAgreement
 from uw_recon_ros.simulate import Dive, SimulateParams
 from uw_recon_ros.types import StereoPair
 

@@ -12,7 +12,7 @@ from uw_recon_ros import rigid
 from uw_recon_ros.track.bridge import bridge, make_relief
 from uw_recon_ros.track.keypoints import Keypoints, RigError, find_keypoints, packed, points_of
 from uw_recon_ros.track.params import TrackParams
-from uw_recon_ros.track.relate import Matches, linearise, projected, relate, rival
+from uw_recon_ros.track.relate import KeyPointMatches, linearise, projected, relate, rival
 from uw_recon_ros.types import Matrix
 
 PARAMS = TrackParams()
@@ -96,9 +96,9 @@ def test_derivatives_are_those_of_differences() -> None:
     there = rigid.inverse(STEP)
     a = projected(points, GEOMETRY, RigError())
     b = projected(points @ there[:3, :3].T + there[:3, 3], GEOMETRY, RigError()) + rng.normal(size=(5, 3))
-    matches = Matches(a, b, np.full(5, 1e6), np.full(5, 0.1))  # so that whitening hardly depends on the motion
+    matches = KeyPointMatches(a, b, np.full(5, 1e6), np.full(5, 0.1))  # so that whitening hardly depends on the motion
 
-    matches = Matches(a, b, np.full(5, 0.1), np.full(5, 0.1))
+    matches = KeyPointMatches(a, b, np.full(5, 0.1), np.full(5, 0.1))
     white = linearise(there, matches, GEOMETRY, RigError(), 1e-9 + 0.35)
     rows = np.linalg.inv(np.linalg.cholesky(_covariances(there, matches)))
     e = 1e-6
@@ -119,7 +119,7 @@ def test_derivatives_are_those_of_differences() -> None:
         assert white.rig_slopes[..., k] == pytest.approx(expected, rel=1e-3, abs=1e-2)
 
 
-def _covariances(there: Matrix, matches: Matches) -> Matrix:
+def _covariances(there: Matrix, matches: KeyPointMatches) -> Matrix:
     """By differences: what u, v, d of the first do to u, v, d of the second."""
     variances = np.array([0.35**2, 0.35**2, 0.1**2])
     found = np.tile(np.diag(variances), (len(matches.first), 1, 1))

@@ -72,7 +72,7 @@ def summed_covariances(poses: Matrix, steps: Matrix) -> Matrix:
     return np.asarray(np.cumsum(carry @ steps @ carry.transpose(0, 2, 1), axis=0))
 
 
-def surprise(poses: Matrix, sums: Matrix, i: int, k: int, motion: Matrix, covariance: Matrix) -> float:
+def loop_chi2(poses: Matrix, sums: Matrix, i: int, k: int, motion: Matrix, covariance: Matrix) -> float:
     """chi2 (of 6) of a loop ``i <- k`` against the track between the two."""
     back = rigid.adjoint(rigid.inverse(poses[k]))
     track = back @ (sums[k] - sums[i]) @ back.T
@@ -81,6 +81,6 @@ def surprise(poses: Matrix, sums: Matrix, i: int, k: int, motion: Matrix, covari
     return float(missed @ np.linalg.solve(whole, missed))
 
 
-def believable(chi2: float) -> bool:
+def passes_chi2_gate(chi2: float) -> bool:
     """Whether a loop may be: the track, drifting as it does, could have led there."""
     return chi2 < _GATE

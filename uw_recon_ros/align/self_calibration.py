@@ -9,7 +9,7 @@ import numpy as np
 
 from uw_recon_ros import rigid
 from uw_recon_ros.track.keypoints import RigError
-from uw_recon_ros.track.relate import Matches, RelativePose, huber, linearise, refine
+from uw_recon_ros.track.relate import KeyPointMatches, RelativePose, huber, linearise, refine
 from uw_recon_ros.types import Matrix, StereoGeometry
 
 _RELATIONS = 150
@@ -56,7 +56,7 @@ class RigFinding:
 
 
 def _reduced(
-    motion: Matrix, matches: Matches, geometry: StereoGeometry, rig: RigError, sigma: float
+    motion: Matrix, matches: KeyPointMatches, geometry: StereoGeometry, rig: RigError, sigma: float
 ) -> tuple[Matrix, Matrix]:
     """Normal equations (2, 2) and (2,) of the rig's error, the motion eliminated (Schur)."""
     at = linearise(motion, matches, geometry, rig, sigma)

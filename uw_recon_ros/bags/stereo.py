@@ -11,7 +11,7 @@ from uw_recon_ros.bags import messages
 from uw_recon_ros.bags.messages import CAMERA_INFO, IMAGE, IMAGES
 from uw_recon_ros.bags.model import RawMessage, TopicInfo
 from uw_recon_ros.calibration import camera_from_info
-from uw_recon_ros.calibration.rectified import as_rectified, came_rectified, named_rectified
+from uw_recon_ros.calibration.rectified import as_rectified, named_rectified, rectified_by_name
 from uw_recon_ros.errors import BagError, CalibrationError, ImageError, ReconError
 from uw_recon_ros.findings import Code
 from uw_recon_ros.image_pair import as_pair
@@ -36,7 +36,7 @@ class StereoTopics:
 
     def rectified(self, told: str) -> tuple[bool, bool]:
         """Whether the left and the right images come rectified, as ``images_rectified`` and their names tell."""
-        return came_rectified(told, self.left), came_rectified(told, self.right)
+        return rectified_by_name(told, self.left), rectified_by_name(told, self.right)
 
 
 def _rank(topic: TopicInfo) -> tuple[bool, bool, bool, int, str]:

@@ -25,7 +25,7 @@ _WORSE = 1.5  # held-out over fitted error
 
 
 @dataclass(frozen=True, eq=False)
-class Session:
+class CalibrationSession:
     """What the pairs together show.
 
     Parameters
@@ -41,13 +41,13 @@ class Session:
     distance_m: Matrix
 
 
-def describe(bundle: Bundle, pairs: Sequence[SeenPair], points: Matrix, size: tuple[int, int]) -> Session:
+def describe(bundle: Bundle, pairs: Sequence[SeenPair], points: Matrix, size: tuple[int, int]) -> CalibrationSession:
     """Coverage, tilt and distance of a session."""
     turns = Rotation.from_rotvec(bundle.poses[:, :3])
     middles = turns.apply(points.mean(axis=0)) + bundle.poses[:, 3:]
     tilt = np.rad2deg(np.arccos(np.clip(np.abs(turns.as_matrix()[:, 2, 2]), 0, 1)))
     left, right = (cell_counts(sightings, size) for sightings in ([p.left for p in pairs], [p.right for p in pairs]))
-    return Session((left, right), tilt, np.linalg.norm(middles, axis=1))
+    return CalibrationSession((left, right), tilt, np.linalg.norm(middles, axis=1))
 
 
 def cell_counts(sightings: Sequence[Sighting], size: tuple[int, int]) -> Matrix:
@@ -60,7 +60,8 @@ def cell_counts(sightings: Sequence[Sighting], size: tuple[int, int]) -> Matrix:
 
 
 def advise(
-    session: Session, bundle: Bundle, pairs: Sequence[SeenPair], errors: Sequence[DepthError], held: HeldOut | None,
+    session: CalibrationSession, bundle: Bundle, pairs: Sequence[SeenPair], errors: Sequence[DepthError],
+    held: HeldOut | None,
     size: tuple[int, int], *, held_out: bool = True,
 ) -> tuple[Finding, ...]:  # fmt: skip
     """Everything worth saying, the depth error first; `held_out`: whether pairs were to be left out of the fit."""
@@ -90,7 +91,7 @@ def _depth(errors: Sequence[DepthError], pairs: int) -> Iterator[Finding]:
     yield Finding(Code.CALIBRATE_DEPTH_ERROR, text, severity, advice)
 
 
-def _coverage(session: Session) -> Iterator[Finding]:
+def _coverage(session: CalibrationSession) -> Iterator[Finding]:
     for side, counts in zip(("left", "right"), session.coverage, strict=True):
         share = covered(counts)
         if share < _COVERED:
@@ -115,7 +116,7 @@ def emptiest(counts: Matrix) -> str:
     return max(parts, key=lambda name: float((parts[name] == 0).mean()))
 
 
-def _tilt(session: Session) -> Iterator[Finding]:
+def _tilt(session: CalibrationSession) -> Iterator[Finding]:
     mean = float(session.tilt_deg.mean())
     if mean < _TILTED_DEG:
         text = (

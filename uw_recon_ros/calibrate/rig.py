@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from uw_recon_ros.calibrate.optics import EXTRINSIC, SIDES, intrinsic_matrix, project_left, project_right
-from uw_recon_ros.calibration.together import Lens, Parts
+from uw_recon_ros.calibration.stereo_pose import Lens, Parts
 from uw_recon_ros.rectify.rectified_camera import RectifiedCamera, undistorted
 from uw_recon_ros.types import Axis, Mask, Matrix, StereoCalibration
 

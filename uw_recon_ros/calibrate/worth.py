@@ -77,7 +77,7 @@ def depth_sigmas(rig: Locates, covariance: Matrix, range_m: float) -> tuple[Matr
     return points, np.sqrt(np.sum(np.square(changes), axis=0)) / points[:, 2]
 
 
-def depth_errors(rig: Locates, covariance: Matrix) -> tuple[DepthError, ...]:
+def depth_errors_by_range(rig: Locates, covariance: Matrix) -> tuple[DepthError, ...]:
     """The table that decides: depth error in percent at each of `RANGES_M`."""
     return tuple(_depth_error(rig, covariance, range_m) for range_m in RANGES_M)
 

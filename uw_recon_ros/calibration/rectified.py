@@ -21,7 +21,7 @@ def named_rectified(topic: str) -> bool:
     return bool(_WORDS & {word for part in parts[-1:] for word in part.split("_")} or _WORDS & set(parts[-2:-1]))
 
 
-def came_rectified(told: str, *topics: str) -> bool:
+def rectified_by_name(told: str, *topics: str) -> bool:
     """What ``images_rectified`` says; ``auto``: the names of the topics that images came by."""
     return told == "yes" or (told == "auto" and any(map(named_rectified, topics)))
 

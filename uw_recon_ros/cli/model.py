@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Make the model, and say what came of it."""
     one_blas_thread()
-    from uw_recon_ros.model.build import Request, build_model
+    from uw_recon_ros.model.build import ModelRequest, build_model
     from uw_recon_ros.model.params import DiveModelParams
 
     try:
@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     except (TypeError, ValueError) as error:
         raise UsageError(str(error)) from error
     made = build_model(
-        Request(args.survey, params, args.poses, args.overwrite, tuple(args.bag)),
+        ModelRequest(args.survey, params, args.poses, args.overwrite, tuple(args.bag)),
         (lambda _: None) if args.quiet else say,
     )
     if args.json:

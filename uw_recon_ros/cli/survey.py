@@ -74,14 +74,14 @@ def run(args: argparse.Namespace) -> int:
     """Reconstruct, and say what came of it."""
     one_blas_thread()
     from uw_recon_ros.progress import Progress
-    from uw_recon_ros.survey.job import Request
+    from uw_recon_ros.survey.job import SurveyRequest
     from uw_recon_ros.survey.run import run_survey
 
     try:
         survey_params = _survey_params(args)
     except (TypeError, ValueError) as error:
         raise UsageError(str(error)) from error
-    request = Request(
+    request = SurveyRequest(
         args.inputs, args.output, pipeline_params(args), survey_params, tuple(args.calibration or ()), args.overwrite
     )
     progress = Progress("quiet" if args.quiet else "json" if args.json else "people")
@@ -107,7 +107,7 @@ def _survey_params(args: argparse.Namespace) -> SurveyParams:
 
 def _model(args: argparse.Namespace) -> None:
     """The model of what was surveyed, unless it is there."""
-    from uw_recon_ros.model.build import Request, build_model, is_built
+    from uw_recon_ros.model.build import ModelRequest, build_model, is_built
     from uw_recon_ros.model.params import DiveModelParams
     from uw_recon_ros.recordings.sources import find_sources
 
@@ -116,7 +116,7 @@ def _model(args: argparse.Namespace) -> None:
     tell = (lambda _: None) if args.quiet or args.json else say
     found = [source for source in find_sources(args.inputs) if source.kind == "bag"]
     bags = tuple(path for source in found for path in (source.path, source.other) if path)
-    made = build_model(Request(args.output, DiveModelParams(), bags=bags), tell)
+    made = build_model(ModelRequest(args.output, DiveModelParams(), bags=bags), tell)
     if not args.quiet:
         warn(made["warnings"])
 

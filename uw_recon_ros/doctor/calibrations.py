@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from uw_recon_ros.calibration import as_imaged, make_camera
 from uw_recon_ros.calibration.judge import has_baseline, judge_calibration
-from uw_recon_ros.calibration.rectified import as_rectified, came_rectified
+from uw_recon_ros.calibration.rectified import as_rectified, rectified_by_name
 from uw_recon_ros.doctor.cameras import image_topic
 from uw_recon_ros.doctor.check import Check, Level, fail, ok
-from uw_recon_ros.doctor.observation import CameraNumbers, Observation, Topic
+from uw_recon_ros.doctor.observation import CameraNumbers, Observation, ObservedTopic
 from uw_recon_ros.doctor.suggestions import same_elsewhere, says_side
 from uw_recon_ros.doctor.topic_graph import METRIC_CLOUD, TYPES, UNSCALED_CLOUD
 from uw_recon_ros.errors import CalibrationError
@@ -20,7 +20,9 @@ _CALIBRATE = "calibrate the rig in water (camera_calibration), or set baseline_m
 
 def scale_is_unknown(seen: Observation) -> bool:
     """Whether clouds come, but without metres."""
-    topics = {name: seen.topics.get(name, Topic(name)).arrivals.count for name in (METRIC_CLOUD, UNSCALED_CLOUD)}
+    topics = {
+        name: seen.topics.get(name, ObservedTopic(name)).arrivals.count for name in (METRIC_CLOUD, UNSCALED_CLOUD)
+    }
     return topics[UNSCALED_CLOUD] > 0 and not topics[METRIC_CLOUD]
 
 
@@ -28,7 +30,7 @@ def _no_scale(seen: Observation, text: str, advice: str = _CALIBRATE) -> Check:
     """No calibration: the reason for a missing metric cloud where unscaled ones come, worth a line elsewhere."""
     if scale_is_unknown(seen):
         return fail(_STAGE, f"{text}: the scale is unknown", advice)
-    came = seen.topics.get(METRIC_CLOUD, Topic(METRIC_CLOUD)).arrivals.count
+    came = seen.topics.get(METRIC_CLOUD, ObservedTopic(METRIC_CLOUD)).arrivals.count
     return Check(Level.OK if came else Level.WARN, _STAGE, text, "" if came else advice)
 
 
@@ -40,7 +42,7 @@ def _camera(seen: Observation, side: str, info: CameraNumbers) -> CameraModel:
         )  # fmt: skip
         camera = as_imaged(camera, info.binning, info.roi)
         told = str(seen.parameter("images_rectified", "auto"))
-        return as_rectified(camera) if came_rectified(told, image_topic(seen, side).name) else camera
+        return as_rectified(camera) if rectified_by_name(told, image_topic(seen, side).name) else camera
     except CalibrationError as error:
         raise CalibrationError(f"{side} {error}", error.code) from error
 
@@ -77,7 +79,7 @@ def _numbers(seen: Observation) -> Check:
 
 def _missing(seen: Observation, sides: list[str]) -> Check:
     names = [f"{side}/camera_info" for side in sides]
-    resolved = " and ".join(seen.topics.get(name, Topic(name)).name for name in names)
+    resolved = " and ".join(seen.topics.get(name, ObservedTopic(name)).name for name in names)
     kind = {TYPES[names[0]]}
     meant = same_elsewhere(names[0], kind, seen.others) or sorted(
         topic.name for topic in seen.others if topic.types & kind and says_side(topic.name, sides[0])
@@ -93,7 +95,7 @@ def check_calibration(seen: Observation) -> list[Check]:
     """Look at both cameras' camera_infos."""
     if seen.parameter("calibration_use", "auto") == "ignore":
         return [_no_scale(seen, "calibration_use is ignore", "set calibration_use to auto")]
-    topics = {side: seen.topics.get(f"{side}/camera_info", Topic(f"{side}/camera_info")) for side in SIDES}
+    topics = {side: seen.topics.get(f"{side}/camera_info", ObservedTopic(f"{side}/camera_info")) for side in SIDES}
     silent = [topics[side].name for side in SIDES if topics[side].publishers and side not in seen.infos]
     if silent:
         text = f"{' and '.join(silent)}: a publisher, but no message: rectification waits for it"

@@ -8,7 +8,7 @@ from bisect import bisect_left
 from collections.abc import Sequence
 
 from uw_recon_ros.doctor.check import Check, fail, ok, warn
-from uw_recon_ros.doctor.observation import Arrivals, Observation, Topic
+from uw_recon_ros.doctor.observation import Arrivals, Observation, ObservedTopic
 from uw_recon_ros.doctor.suggestions import for_image, namespace_of, same_elsewhere
 from uw_recon_ros.doctor.topic_graph import TYPES, image_topics
 from uw_recon_ros.errors import ImageError
@@ -24,9 +24,9 @@ _DEFAULT_SEGMENT = 512 << 10
 _TRANSPORTS = {"raw": (0,), "compressed": (1,), "auto": (0, 1)}
 
 
-def image_topic(seen: Observation, side: str) -> Topic:
+def image_topic(seen: Observation, side: str) -> ObservedTopic:
     """The topic that brings a camera's images: raw where it is published, else compressed."""
-    raw, compressed = (seen.topics.get(name, Topic(name)) for name in image_topics(side))
+    raw, compressed = (seen.topics.get(name, ObservedTopic(name)) for name in image_topics(side))
     allowed = _TRANSPORTS.get(str(seen.parameter("image_transport", "auto")), (0, 1))
     choice = [topic for place, topic in enumerate((raw, compressed)) if place in allowed]
     return next((topic for topic in choice if topic.publishers), choice[0])
@@ -57,7 +57,7 @@ def _missing(seen: Observation, side: str) -> Check:
     return fail(_STAGE, text + listed, "start the cameras or a bag, or remap their topics to left/ and right/image_raw")
 
 
-def _silent(seen: Observation, topic: Topic) -> Check:
+def _silent(seen: Observation, topic: ObservedTopic) -> Check:
     """There is a publisher, but nothing came."""
     text = f"{topic.name}: a publisher ({topic.publishers[0].node}), but no message in {seen.seconds:.1f} s"
     if topic.types - {TYPES[_relative(seen, topic)]}:
@@ -74,11 +74,11 @@ def _silent(seen: Observation, topic: Topic) -> Check:
     return fail(_STAGE, text, "see whether the camera streams, and whether the driver's log complains")
 
 
-def _relative(seen: Observation, topic: Topic) -> str:
+def _relative(seen: Observation, topic: ObservedTopic) -> str:
     return next((name for name, known in seen.topics.items() if known.name == topic.name), "left/image_raw")
 
 
-def _describe(topic: Topic) -> str:
+def _describe(topic: ObservedTopic) -> str:
     came = topic.arrivals
     size = f"{came.width}x{came.height} " if came.width else ""
     return f"{topic.name}: {came.rate_hz:.1f} Hz, {size}{came.encoding} from {topic.publishers[0].node}"

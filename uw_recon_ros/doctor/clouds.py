@@ -6,7 +6,7 @@ import re
 
 from uw_recon_ros.doctor.calibrations import scale_is_unknown
 from uw_recon_ros.doctor.check import Check, fail, ok, warn
-from uw_recon_ros.doctor.observation import Observation, Topic
+from uw_recon_ros.doctor.observation import Observation, ObservedTopic
 from uw_recon_ros.doctor.stages import EXCHANGE, EXCHANGED
 from uw_recon_ros.doctor.topic_graph import METRIC_CLOUD, TYPES, UNSCALED_CLOUD
 from uw_recon_ros.topics import POINT_CLOUD
@@ -19,7 +19,7 @@ _RESULTS = (METRIC_CLOUD, "points2_filtered", UNSCALED_CLOUD)
 _RANGE = re.compile(r"(-?\d+) to (-?\d+) px")
 
 
-def _empty(topic: Topic, seen: Observation) -> Check:
+def _empty(topic: ObservedTopic, seen: Observation) -> Check:
     """Clouds come and hold nothing: behind a rig whose cameras are swapped there is nothing to see."""
     text = f"{topic.name}: clouds without a point"
     for node in seen.nodes.values():
@@ -31,7 +31,7 @@ def _empty(topic: Topic, seen: Observation) -> Check:
     return fail(_STAGE, text, "look at disparity/status: it says why, pixel by pixel")
 
 
-def _contents(topic: Topic, seen: Observation) -> Check:
+def _contents(topic: ObservedTopic, seen: Observation) -> Check:
     came = topic.arrivals
     share = came.valid_share
     if share == 0:
@@ -49,7 +49,7 @@ def _contents(topic: Topic, seen: Observation) -> Check:
 
 def check_clouds(seen: Observation) -> list[Check]:
     """Look at what comes out at the end."""
-    metric, unscaled = (seen.topics.get(name, Topic(name)) for name in (METRIC_CLOUD, UNSCALED_CLOUD))
+    metric, unscaled = (seen.topics.get(name, ObservedTopic(name)) for name in (METRIC_CLOUD, UNSCALED_CLOUD))
     if metric.arrivals.count:
         return [_contents(metric, seen)]
     if scale_is_unknown(seen):
@@ -63,7 +63,7 @@ def check_clouds(seen: Observation) -> list[Check]:
 
 def check_listeners(seen: Observation) -> list[Check]:
     """See who wants the clouds, and who waits for them under another name."""
-    topics = [seen.topics.get(name, Topic(name)) for name in _RESULTS]
+    topics = [seen.topics.get(name, ObservedTopic(name)) for name in _RESULTS]
     listeners = {end.node for topic in topics for end in topic.subscribers}
     astray = [
         f"{', '.join(sorted({end.node for end in topic.subscribers}))} on {topic.name}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from uw_recon_ros.doctor.check import Check, fail
-from uw_recon_ros.doctor.observation import Endpoint, Observation, Topic
+from uw_recon_ros.doctor.observation import Endpoint, Observation, ObservedTopic
 from uw_recon_ros.doctor.topic_graph import TYPES
 
 _STAGE = "connections"
@@ -37,7 +37,7 @@ def disagreement(publisher: Endpoint, subscriber: Endpoint) -> tuple[str, str] |
     return None
 
 
-def _of_topic(topic: Topic) -> Iterator[Check]:
+def _of_topic(topic: ObservedTopic) -> Iterator[Check]:
     for subscriber in topic.subscribers:
         for publisher in topic.publishers:
             reason = disagreement(publisher, subscriber)
@@ -45,7 +45,7 @@ def _of_topic(topic: Topic) -> Iterator[Check]:
                 yield fail(_STAGE, f"{topic.name}: {reason[0]}", reason[1])
 
 
-def _of_type(relative: str, topic: Topic) -> Iterator[Check]:
+def _of_type(relative: str, topic: ObservedTopic) -> Iterator[Check]:
     """A wrong type is wrong before anybody subscribes."""
     for publisher in topic.publishers:
         if publisher.type != TYPES[relative] and not topic.subscribers:

@@ -69,7 +69,7 @@ class Arrivals:
 
 
 @dataclass(frozen=True)
-class Topic:
+class ObservedTopic:
     """A topic, resolved, and who is on it; the doctor's own endpoints are left out."""
 
     name: str
@@ -84,7 +84,7 @@ class Topic:
 
 
 @dataclass(frozen=True)
-class Status:
+class NodeStatus:
     """What a node says of itself on ``/diagnostics``; `level` as in DiagnosticStatus: 0 ok, 1 warn, 2 error."""
 
     level: int
@@ -117,7 +117,7 @@ class GraphNode:
     lifecycle: str | None = None
     answers: bool = True
     parameters: Mapping[str, Any] = field(default_factory=dict)
-    statuses: tuple[Status, ...] = ()
+    statuses: tuple[NodeStatus, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -196,8 +196,8 @@ class Observation:
 
     namespace: str = "/"
     seconds: float = 0.0
-    topics: Mapping[str, Topic] = field(default_factory=dict)
-    others: tuple[Topic, ...] = ()
+    topics: Mapping[str, ObservedTopic] = field(default_factory=dict)
+    others: tuple[ObservedTopic, ...] = ()
     nodes: Mapping[str, GraphNode] = field(default_factory=dict)
     elsewhere: tuple[str, ...] = ()
     infos: Mapping[str, CameraNumbers] = field(default_factory=dict)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from uw_recon_ros.doctor.check import Check, Level, fail, ok, warn
-from uw_recon_ros.doctor.observation import GraphNode, Observation, Status, Topic
+from uw_recon_ros.doctor.observation import GraphNode, NodeStatus, Observation, ObservedTopic
 from uw_recon_ros.doctor.topic_graph import CHAIN, FURTHER, METRIC_CLOUD, PIPELINE, STAGES, UNSCALED_CLOUD, Stage
 from uw_recon_ros.findings import Code
 
@@ -34,7 +34,7 @@ _LOOK = "look at its log, restart it"
 _MOVES = {"unconfigured": ("configure", "activate"), "inactive": ("activate",)}
 
 
-def _worst(node: GraphNode, *, content: bool) -> Status | None:
+def _worst(node: GraphNode, *, content: bool) -> NodeStatus | None:
     """The last status; where nothing comes out, the worst one: refusals of a slow stream show every few seconds."""
     if content or not node.statuses:
         return node.statuses[-1] if node.statuses else None
@@ -53,7 +53,7 @@ def _lifecycle(stage: Stage, node: GraphNode) -> Iterator[Check]:
     yield fail(stage.label, text, f"{moves}, or start it with autostart true" if moves else _LOOK)
 
 
-def _status(stage: Stage, node: GraphNode, status: Status) -> Iterator[Check]:
+def _status(stage: Stage, node: GraphNode, status: NodeStatus) -> Iterator[Check]:
     """What the node itself complains of."""
     if status.level >= _ERROR:
         kinds = _faults(status)
@@ -64,13 +64,13 @@ def _status(stage: Stage, node: GraphNode, status: Status) -> Iterator[Check]:
         yield warn(stage.label, f"{node.name}: {status.message}", "" if waiting else _remedy(status), symptom=waiting)
 
 
-def _faults(status: Status) -> str:
+def _faults(status: NodeStatus) -> str:
     """Frames given up since the node's start, by reason, overtaken ones left out."""
     drops = {k.removeprefix("dropped: "): v for k, v in status.values.items() if k.startswith("dropped: ")}
     return ", ".join(f"{reason} x{number}" for reason, number in drops.items() if reason not in _HARMLESS)
 
 
-def _remedy(status: Status) -> str:
+def _remedy(status: NodeStatus) -> str:
     """What to do about what a node complains of: by its codes."""
     values = status.values
     told = [*values.get("codes", "").split(","), *values]
@@ -88,7 +88,7 @@ _FACTS = {
 }
 
 
-def _works(stage: Stage, topic: Topic, status: Status | None) -> Check:
+def _works(stage: Stage, topic: ObservedTopic, status: NodeStatus | None) -> Check:
     facts = status.values if status else {}
     said = [f"{name} {facts[name]}" for name in _FACTS.get(stage.label, ()) if name in facts]
     makers = ", ".join(end.node for end in topic.publishers) or "a node that has gone"
@@ -98,7 +98,7 @@ def _works(stage: Stage, topic: Topic, status: Status | None) -> Check:
     return ok(stage.label, ", ".join([text, *said]))
 
 
-def _nothing(stage: Stage, node: GraphNode, status: Status | None, seen: Observation) -> Check:
+def _nothing(stage: Stage, node: GraphNode, status: NodeStatus | None, seen: Observation) -> Check:
     """The node is up and content, and yet nothing comes."""
     values = status.values if status else {}
     if values.get("warm_up") == "running":
@@ -128,7 +128,7 @@ def _absent(stage: Stage, seen: Observation) -> Check:
 
 def _stage(stage: Stage, seen: Observation) -> Iterator[Check]:
     node = seen.nodes.get(stage.node) or seen.nodes.get(PIPELINE)
-    topic = seen.topics.get(stage.output, Topic(stage.output))
+    topic = seen.topics.get(stage.output, ObservedTopic(stage.output))
     if len(topic.publishers) > 1:
         names = ", ".join(end.node for end in topic.publishers)
         yield warn(stage.label, f"{topic.name} has {len(topic.publishers)} publishers ({names})", "stop all but one")
@@ -143,7 +143,7 @@ def _stage(stage: Stage, seen: Observation) -> Iterator[Check]:
     yield from _of_node(stage, node, topic, seen)
 
 
-def _of_node(stage: Stage, node: GraphNode, topic: Topic, seen: Observation) -> Iterator[Check]:
+def _of_node(stage: Stage, node: GraphNode, topic: ObservedTopic, seen: Observation) -> Iterator[Check]:
     alone = node.name.rsplit("/", 1)[-1] != PIPELINE  # whose complaints may be of any stage
     complaining = stage if alone else replace(stage, label="pipeline")
     hindrances = list(_hindrances(complaining, node))
@@ -175,7 +175,7 @@ def replaced(seen: Observation) -> int:
     foreign = [
         place
         for place, stage in enumerate(STAGES, 1)
-        if (ends := seen.topics.get(stage.output, Topic(stage.output)).publishers)
+        if (ends := seen.topics.get(stage.output, ObservedTopic(stage.output)).publishers)
         and not any(end.node.rsplit("/", 1)[-1] in CHAIN for end in ends)
     ]
     return max(foreign, default=0)
@@ -199,6 +199,6 @@ def check_further(seen: Observation) -> list[Check]:
         finding
         for stage in FURTHER
         if (node := seen.nodes.get(stage.node)) is not None
-        for finding in _of_node(stage, node, seen.topics.get(stage.output, Topic(stage.output)), seen)
+        for finding in _of_node(stage, node, seen.topics.get(stage.output, ObservedTopic(stage.output)), seen)
     ]
     return [replace(f, level=min(f.level, Level.WARN), symptom=True) for f in found]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 
-from uw_recon_ros.doctor.observation import Topic
+from uw_recon_ros.doctor.observation import ObservedTopic
 from uw_recon_ros.doctor.topic_graph import TYPES, image_topics
 from uw_recon_ros.topics import COMPRESSED_IMAGE, IMAGE, SIDES
 
@@ -26,13 +26,13 @@ def says_side(name: str, side: str) -> bool:
     return bool(words & _SPELLINGS[side]) and not words & _SPELLINGS[other]
 
 
-def same_elsewhere(relative: str, kinds: Iterable[str], others: Iterable[Topic]) -> list[str]:
+def same_elsewhere(relative: str, kinds: Iterable[str], others: Iterable[ObservedTopic]) -> list[str]:
     """Topics of the same relative name in other name spaces, published with one of `kinds`."""
     wanted = set(kinds)
     return sorted(t.name for t in others if t.name.endswith(f"/{relative}") and t.types & wanted)
 
 
-def for_image(side: str, others: Iterable[Topic]) -> list[str]:
+def for_image(side: str, others: Iterable[ObservedTopic]) -> list[str]:
     """Topics that may be a camera's image, likeliest first."""
     found = [t.name for t in others if t.types & {IMAGE, COMPRESSED_IMAGE} and says_side(t.name, side)]
     return sorted(found, key=_rank)

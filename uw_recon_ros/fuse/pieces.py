@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from uw_recon_ros.fuse.cubes import Patch
+from uw_recon_ros.fuse.marching_cubes import Patch
 
 
 def picked(patch: Patch, faces: NDArray[np.bool_]) -> Patch:

@@ -8,11 +8,11 @@ import numpy as np
 
 from uw_recon_ros import rigid
 from uw_recon_ros.align.graph import Edges, solve_graph
-from uw_recon_ros.align.loops import believable, candidates, footprints, summed_covariances, surprise
-from uw_recon_ros.drape.simplify import clustered, vertex_normals
+from uw_recon_ros.align.loops import candidates, footprints, loop_chi2, passes_chi2_gate, summed_covariances
 from uw_recon_ros.fuse.frame import PosedFrame
 from uw_recon_ros.live.params import LiveModelParams
 from uw_recon_ros.live.submap import OpenSubmap, Submap
+from uw_recon_ros.texturing.simplify import clustered, vertex_normals
 from uw_recon_ros.track.keypoints import PackedKeypoints, find_keypoints, packed
 from uw_recon_ros.track.params import TrackParams
 from uw_recon_ros.track.relate import is_ambiguous, relate
@@ -205,7 +205,7 @@ class LiveModel:
 
     def _believable(self, loop: _Loop) -> bool:
         sums = summed_covariances(self.poses, np.array([f.step for f in self.frames]))
-        return believable(surprise(self.poses, sums, loop.first, loop.second, loop.motion, loop.covariance))
+        return passes_chi2_gate(loop_chi2(self.poses, sums, loop.first, loop.second, loop.motion, loop.covariance))
 
     def _graph(self) -> Matrix:
         """All poses that fit odometry and loops best."""

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uw_recon_ros.fuse.blocks import touched_blocks
-from uw_recon_ros.fuse.cubes import Patch, extract
 from uw_recon_ros.fuse.frame import PosedFrame, View, view_of
 from uw_recon_ros.fuse.integrate import Volume, empty_volume
 from uw_recon_ros.fuse.layout import band_of
+from uw_recon_ros.fuse.marching_cubes import Patch, extract
 from uw_recon_ros.fuse.pieces import seen_by, without_loose_pieces
 from uw_recon_ros.types import ByteImage, Matrix
 

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from uw_recon_ros import rigid
 from uw_recon_ros.align.graph import Anchors, Edges, Solved, joined, no_anchors, solve_graph
-from uw_recon_ros.align.loops import believable, candidates, footprints, summed_covariances, surprise
+from uw_recon_ros.align.loops import candidates, footprints, loop_chi2, passes_chi2_gate, summed_covariances
 from uw_recon_ros.align.self_calibration import RigFinding, calibrate, corrected
 from uw_recon_ros.errors import EstimationError
 from uw_recon_ros.findings import Code, Finding, Severity
 from uw_recon_ros.locate.level import levelled
 from uw_recon_ros.locate.params import LocateParams
 from uw_recon_ros.locate.priors import Priors, anchors_at, fit_to, held_loosely, relative_guesses
-from uw_recon_ros.locate.walk import Link, Walk, first_poses, stretches, walk_frames
+from uw_recon_ros.locate.visual_odometry import Link, VisualOdometry, first_poses, stretches, walk_frames
 from uw_recon_ros.track.keypoints import RigError
 from uw_recon_ros.track.params import TrackParams
 from uw_recon_ros.track.relate import is_ambiguous, relate
@@ -108,7 +108,7 @@ def estimate_trajectory(
     return Located(trajectory, found, numbers, tuple(kept), rig, applied)
 
 
-def _walked(frames: Iterable[DisparityFrame], priors: Sequence[Priors], tracking: TrackParams) -> Walk:
+def _walked(frames: Iterable[DisparityFrame], priors: Sequence[Priors], tracking: TrackParams) -> VisualOdometry:
     """Every frame looked at once, with a guess where priors know one."""
     if not priors:
         walk = walk_frames(frames, tracking)
@@ -126,7 +126,9 @@ def _walked(frames: Iterable[DisparityFrame], priors: Sequence[Priors], tracking
     return walk
 
 
-def _loops(walk: Walk, chosen: LocateParams, tracking: TrackParams) -> tuple[list[Link], set[tuple[int, int]]]:
+def _loops(
+    walk: VisualOdometry, chosen: LocateParams, tracking: TrackParams
+) -> tuple[list[Link], set[tuple[int, int]]]:
     """Places seen again, sought twice: along the track, then along the track that the first loops mended."""
     loops: list[Link] = []
     tried: set[tuple[int, int]] = set()
@@ -143,8 +145,8 @@ def _loops(walk: Walk, chosen: LocateParams, tracking: TrackParams) -> tuple[lis
         for i, k in pairs:
             tried.add((i, k))
             link = _loop(walk, i, k, chosen, tracking)
-            if link is not None and believable(
-                surprise(poses, sums, i, k, link.relation.motion, link.relation.covariance)
+            if link is not None and passes_chi2_gate(
+                loop_chi2(poses, sums, i, k, link.relation.motion, link.relation.covariance)
             ):
                 loops.append(link)
         if not loops:
@@ -160,7 +162,7 @@ def _steps(count: int, links: list[Link]) -> Matrix:
     return steps
 
 
-def _loop(walk: Walk, i: int, k: int, chosen: LocateParams, tracking: TrackParams) -> Link | None:
+def _loop(walk: VisualOdometry, i: int, k: int, chosen: LocateParams, tracking: TrackParams) -> Link | None:
     first, second, geometry = walk.keypoints[i].unpacked(), walk.keypoints[k].unpacked(), walk.geometries[k]
     relation = relate(first, second, geometry, tracking, inliers=chosen.loop_inliers)
     if relation is None or is_ambiguous(first, second, geometry, tracking, relation):
@@ -199,7 +201,7 @@ def _solved(start: Matrix, links: list[Link], parts: NDArray[np.int64], anchors:
     return solve_graph(robust.poses, plain, held, anchors, rounds=10), kept
 
 
-def _trajectory(walk: Walk, poses: Matrix, covariances: Matrix, links: list[Link]) -> Trajectory:
+def _trajectory(walk: VisualOdometry, poses: Matrix, covariances: Matrix, links: list[Link]) -> Trajectory:
     status = np.full(len(poses), int(PoseStatus.TRACKED), np.uint8)
     for link in links:
         if link.kind == "bridge":
@@ -236,7 +238,8 @@ def _between(
 
 
 def _findings(
-    walk: Walk, trajectory: Trajectory, kept: list[Link], dropped: int, rig: RigFinding | None, applied: RigError,
+    walk: VisualOdometry, trajectory: Trajectory, kept: list[Link], dropped: int, rig: RigFinding | None,
+    applied: RigError,
 ) -> tuple[Finding, ...]:  # fmt: skip
     found = []
     counts = {status: int((trajectory.status == int(status)).sum()) for status in PoseStatus}
@@ -290,7 +293,7 @@ def _rig_finding(rig: RigFinding, applied: RigError) -> Finding:
 
 
 def _statistics(
-    walk: Walk, trajectory: Trajectory, kept: list[Link], tried: int, dropped: int, solved: Solved
+    walk: VisualOdometry, trajectory: Trajectory, kept: list[Link], tried: int, dropped: int, solved: Solved
 ) -> dict[str, Any]:
     kinds = [link.kind for link in kept]
     return {

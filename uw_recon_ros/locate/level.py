@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_recon_ros.locate.walk import Link
+from uw_recon_ros.locate.visual_odometry import Link
 from uw_recon_ros.track.keypoints import RigError, points_of
 from uw_recon_ros.types import Matrix, StereoGeometry
 

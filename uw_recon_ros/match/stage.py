@@ -18,7 +18,7 @@ from uw_recon_ros.match.planes.confidence import confidence_of
 from uw_recon_ros.match.planes.matcher import graph_cut
 from uw_recon_ros.match.planes.motion import FrameBefore
 from uw_recon_ros.match.planes.start import Beginning
-from uw_recon_ros.match.rows import Mended, mend_rows
+from uw_recon_ros.match.row_correction import Mended, mend_rows
 from uw_recon_ros.match.status import explain
 from uw_recon_ros.match.window import paste, window_to_match
 from uw_recon_ros.params import Params, param

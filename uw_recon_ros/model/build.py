@@ -19,11 +19,11 @@ from uw_recon_ros.georeference.crs import WITHOUT_SCALE, Crs
 from uw_recon_ros.locate.estimate import Located, estimate_trajectory
 from uw_recon_ros.locate.priors import priors_from_trajectory
 from uw_recon_ros.model.compose import Composed, compose
-from uw_recon_ros.model.outside import Outside, read_outside
-from uw_recon_ros.model.page import Part, write_model_page
+from uw_recon_ros.model.external_poses import Outside, read_outside
+from uw_recon_ros.model.kept_frames import KeptFrames
+from uw_recon_ros.model.page import SegmentPart, write_model_page
 from uw_recon_ros.model.params import DiveModelParams
-from uw_recon_ros.model.shelf import Shelf
-from uw_recon_ros.model.work import Task, World
+from uw_recon_ros.model.work import TileTask, World
 from uw_recon_ros.survey.plan import versions
 from uw_recon_ros.survey.report import MODEL, PAGE, show_model
 from uw_recon_ros.system_errors import explain
@@ -38,7 +38,7 @@ Tell = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Request:
+class ModelRequest:
     """What was asked for.
 
     Parameters
@@ -61,7 +61,7 @@ class Request:
     bags: tuple[str, ...] = ()
 
 
-def build_model(request: Request, tell: Tell) -> dict[str, Any]:
+def build_model(request: ModelRequest, tell: Tell) -> dict[str, Any]:
     """Make ``model/`` in a survey's folder; return what ``model.json`` holds.
 
     Raises
@@ -69,7 +69,7 @@ def build_model(request: Request, tell: Tell) -> dict[str, Any]:
     ModelError
         Nothing can be made, with the reason.
     """
-    shelf = Shelf(request.survey)
+    shelf = KeptFrames(request.survey)
     place = Path(request.survey) / MODEL
     if is_built(request.survey) and not request.overwrite:
         raise ModelError(f"{place}: holds a model already: --overwrite makes it anew", Code.MODEL_EXISTS)
@@ -96,7 +96,7 @@ def is_built(survey: str | Path) -> bool:
     return (Path(survey) / MODEL / SUMMARY).exists()
 
 
-def _outside(request: Request, rect_from_raw: Matrix) -> Outside:
+def _outside(request: ModelRequest, rect_from_raw: Matrix) -> Outside:
     """What is known from outside of the rectified view: poses in a file, or else what bags hold."""
     p = request.params
     if request.poses is None:
@@ -128,7 +128,7 @@ def _parts(trajectory: Trajectory) -> list[NDArray[np.intp]]:
 
 
 def _written(
-    place: Path, shelf: Shelf, located: Located, parts: list[NDArray[np.intp]], request: Request,
+    place: Path, shelf: KeptFrames, located: Located, parts: list[NDArray[np.intp]], request: ModelRequest,
     world: World, tell: Tell,
 ) -> dict[str, Any]:  # fmt: skip
     place.mkdir(exist_ok=True)
@@ -136,7 +136,7 @@ def _written(
     turn = shelf.read(0).geometry.rect_from_raw_left
     way = located.trajectory.turned(turn)
     write_trajectory_csv(place / "trajectory.csv", way)
-    parts_made: list[Part] = []
+    parts_made: list[SegmentPart] = []
     findings: list[Finding] = []
     for rank, part in enumerate(parts):
         number = int(way.segment[part[0]])
@@ -147,7 +147,7 @@ def _written(
         composed = _segment(folder, shelf, located, part, request.params, world, tell)
         findings += () if composed is None else composed.findings
         name = {"segment": number, "folder": folder.relative_to(place).as_posix()}
-        parts_made.append(Part(name | _entry(composed, len(part)), composed))
+        parts_made.append(SegmentPart(name | _entry(composed, len(part)), composed))
     models = [part.entry for part in parts_made]
     made = _summary(shelf, located, models, tuple(dict.fromkeys(findings)), request, world)
     write_model_page(place / PAGE, way, parts_made, made)
@@ -165,7 +165,7 @@ def _entry(composed: Composed | None, frames: int) -> dict[str, Any]:
 class _Posed(Sequence[PosedFrame]):
     """The frames of one segment where they were taken, read when asked for."""
 
-    def __init__(self, shelf: Shelf, located: Located, part: NDArray[np.intp]) -> None:
+    def __init__(self, shelf: KeptFrames, located: Located, part: NDArray[np.intp]) -> None:
         self.shelf, self.located, self.part = shelf, located, part
 
     def __len__(self) -> int:
@@ -177,11 +177,11 @@ class _Posed(Sequence[PosedFrame]):
 
 
 def _segment(
-    folder: Path, shelf: Shelf, located: Located, part: NDArray[np.intp], params: DiveModelParams, world: World,
+    folder: Path, shelf: KeptFrames, located: Located, part: NDArray[np.intp], params: DiveModelParams, world: World,
     tell: Tell,
 ) -> Composed | None:  # fmt: skip
     """Fuse one segment and write its files; None where it has no surface."""
-    task = Task(_Posed(shelf, located, part), folder, params, world, _steps(tell))
+    task = TileTask(_Posed(shelf, located, part), folder, params, world, _steps(tell))
     try:
         return compose(task)
     except ModelError as error:
@@ -209,7 +209,7 @@ def _steps(tell: Tell) -> Callable[[str, int, int], None]:
 
 
 def _summary(
-    shelf: Shelf, located: Located, models: list[dict[str, Any]], more: tuple[Finding, ...], request: Request,
+    shelf: KeptFrames, located: Located, models: list[dict[str, Any]], more: tuple[Finding, ...], request: ModelRequest,
     world: World,
 ) -> dict[str, Any]:  # fmt: skip
     way, geometry = located.trajectory, shelf.read(0).geometry
@@ -237,7 +237,7 @@ def _summary(
     }  # fmt: skip
 
 
-def _findings(shelf: Shelf, located: Located, models: list[dict[str, Any]]) -> list[Finding]:
+def _findings(shelf: KeptFrames, located: Located, models: list[dict[str, Any]]) -> list[Finding]:
     found = []
     if not located.trajectory.metric:
         text = "the rig's scale is unknown: all lengths are in baselines, none in metres"

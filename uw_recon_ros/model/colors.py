@@ -8,15 +8,15 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_recon_ros.drape.best_view import BestViews
-from uw_recon_ros.drape.gains import Balance, Seen, balance_frames, look_at
-from uw_recon_ros.drape.raster import Grid, heights_of, normals_of
-from uw_recon_ros.drape.simplify import vertex_normals
 from uw_recon_ros.fuse.blocks import BLOCK, TILE, Keys
 from uw_recon_ros.fuse.frame import view_of
 from uw_recon_ros.fuse.layout import Layout
 from uw_recon_ros.model.surface import Found, column_patch, columns_of, patch_of
-from uw_recon_ros.model.work import Arrays, Task
+from uw_recon_ros.model.work import Arrays, TileTask
+from uw_recon_ros.texturing.best_view import BestViews
+from uw_recon_ros.texturing.gains import Balance, GainSample, balance_frames, look_at
+from uw_recon_ros.texturing.raster import MapGrid, heights_of, normals_of
+from uw_recon_ros.texturing.simplify import vertex_normals
 from uw_recon_ros.types import ByteImage, FloatImage, Matrix
 
 _PLACES_A_FRAME, _MOST_PLACES = 100, 200_000  # where pictures are compared
@@ -24,7 +24,7 @@ _TOLERANCE = 2.0  # voxels between surface and picture's depth, beside its sigma
 
 
 def color_points(
-    task: Task, found: Found, balance: Balance, points: Matrix, normals: FloatImage, numbers: NDArray[np.intp]
+    task: TileTask, found: Found, balance: Balance, points: Matrix, normals: FloatImage, numbers: NDArray[np.intp]
 ) -> BestViews:
     """Best views of places among some frames."""
     best = BestViews(points, normals, _TOLERANCE * found.layout.voxel)
@@ -34,13 +34,13 @@ def color_points(
     return best
 
 
-def balance_of(task: Task, found: Found) -> Balance:
+def balance_of(task: TileTask, found: Found) -> Balance:
     """Gains of all frames, from places all over the surface."""
     arrays = task.kept("balance", lambda: _balance(task, found))
     return Balance(arrays["gains"], arrays["field"])
 
 
-def _balance(task: Task, found: Found) -> Arrays:
+def _balance(task: TileTask, found: Found) -> Arrays:
     tiles = found.layout.tiles
     wanted = min(_PLACES_A_FRAME * len(task.frames), _MOST_PLACES)
     counts = [len(patch_of(task, found, tile).vertices) for tile in tiles]
@@ -49,13 +49,13 @@ def _balance(task: Task, found: Found) -> Arrays:
     starts = np.cumsum([0, *(len(p) for p in places)])
     members = [set(found.layout.frames_of(tile).tolist()) for tile in tiles]
 
-    def seen_from(number: int) -> Seen:
+    def seen_from(number: int) -> GainSample:
         near = [k for k, frames in enumerate(members) if number in frames]
         frame, tolerance = task.frames[number], _TOLERANCE * found.layout.voxel
         points = np.concatenate([np.empty((0, 3)), *(places[k] for k in near)])
         names = np.concatenate([np.empty(0, np.int64), *(np.arange(starts[k], starts[k + 1]) for k in near)])
         seen = look_at(points, number, view_of(frame), frame.left, tolerance)
-        return Seen(names[seen.place], seen.frame, seen.level, seen.terms)
+        return GainSample(names[seen.place], seen.frame, seen.level, seen.terms)
 
     listed = list(task.each("colours compared", seen_from, range(len(task.frames))))
     solved = balance_frames(listed, int(starts[-1]), len(task.frames))
@@ -81,19 +81,19 @@ class Column:
     vertex_colors: ByteImage
 
 
-def column_grid(layout: Layout, column: Keys, cells_a_voxel: float) -> Grid:
+def column_grid(layout: Layout, column: Keys, cells_a_voxel: float) -> MapGrid:
     """The cells over a column of tiles."""
     edge, cells = layout.tile_edge, round(BLOCK * TILE * cells_a_voxel)
-    return Grid(float(column[0] * edge), float((column[1] + 1) * edge), edge / cells, cells, cells)
+    return MapGrid(float(column[0] * edge), float((column[1] + 1) * edge), edge / cells, cells, cells)
 
 
-def column_of(task: Task, found: Found, balance: Balance, cells_a_voxel: float, column: Keys) -> Column:
+def column_of(task: TileTask, found: Found, balance: Balance, cells_a_voxel: float, column: Keys) -> Column:
     """Map and colours of a column, from the disk where they were made before."""
     name = "column_" + "_".join(str(k) for k in column.tolist())
     return Column(**task.kept(name, lambda: _column(task, found, balance, cells_a_voxel, column)))
 
 
-def _column(task: Task, found: Found, balance: Balance, cells_a_voxel: float, column: Keys) -> Arrays:
+def _column(task: TileTask, found: Found, balance: Balance, cells_a_voxel: float, column: Keys) -> Arrays:
     patch, layout = column_patch(task, found, column), found.layout
     grid = column_grid(layout, column, cells_a_voxel)
     fine = heights_of(patch.vertices, patch.faces, grid)
@@ -111,7 +111,7 @@ def _column(task: Task, found: Found, balance: Balance, cells_a_voxel: float, co
     return {"color": color, "heights": heights, "vertex_colors": colors[len(cells) :]}
 
 
-def color_all(task: Task, found: Found, balance: Balance, cells_a_voxel: float) -> None:
+def color_all(task: TileTask, found: Found, balance: Balance, cells_a_voxel: float) -> None:
     """Colour every column, so that `column_of` finds it."""
     make = partial(column_of, task, found, balance, cells_a_voxel)
     for _ in task.each("columns coloured", lambda column: make(column).color.shape, columns_of(found.layout)):

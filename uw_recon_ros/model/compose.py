@@ -10,8 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from uw_recon_ros.drape.gains import Balance
-from uw_recon_ros.drape.simplify import has_extra
 from uw_recon_ros.errors import ModelError
 from uw_recon_ros.findings import Code, Finding
 from uw_recon_ros.model.colors import Column, balance_of, color_all, column_of
@@ -20,7 +18,9 @@ from uw_recon_ros.model.maps import Mapped, Overview, pixels_a_voxel, write_maps
 from uw_recon_ros.model.mesh import Mesh, Shown, column_mesh, from_above, textured, whole_mesh
 from uw_recon_ros.model.params import DiveModelParams
 from uw_recon_ros.model.surface import Found, columns_of, fuse_all, look_through
-from uw_recon_ros.model.work import Task
+from uw_recon_ros.model.work import TileTask
+from uw_recon_ros.texturing.gains import Balance
+from uw_recon_ros.texturing.simplify import has_extra
 
 _MANY_COLUMNS = 4  # tiles, beyond which 3D Tiles are worth it
 _FEW_FACES = 1000  # that are not worth simplifying
@@ -49,7 +49,7 @@ class Composed:
     overview: Overview
 
 
-def compose(task: Task) -> Composed:
+def compose(task: TileTask) -> Composed:
     """Fuse frames of one frame of reference into one textured surface and maps, and write them.
 
     A killed run that is started again with the same frames and parameters goes on where it was and leaves the same
@@ -94,7 +94,7 @@ def _target(params: DiveModelParams, total: int) -> int:
     return min(params.mesh_faces, max(_FEW_FACES, round(params.mesh_share * total)))
 
 
-def _plain(task: Task, found: Found, colored: partial[Column], mesh: Mesh) -> Iterator[str]:
+def _plain(task: TileTask, found: Found, colored: partial[Column], mesh: Mesh) -> Iterator[str]:
     """Write mesh and cloud; yield their names."""
     write_ply(task.folder / "mesh.ply", mesh, task.world)
     yield "mesh.ply"
@@ -109,7 +109,7 @@ def _plain(task: Task, found: Found, colored: partial[Column], mesh: Mesh) -> It
     yield name
 
 
-def _glb(task: Task, found: Found, balance: Balance, mesh: Mesh, mapped: Mapped) -> Shown:
+def _glb(task: TileTask, found: Found, balance: Balance, mesh: Mesh, mapped: Mapped) -> Shown:
     """Write ``mesh.glb``, with a texture where the extra is there; what a page shows of it."""
     if not has_extra():
         write_colored(task.folder / "mesh.glb", mesh, task.world)
@@ -119,7 +119,7 @@ def _glb(task: Task, found: Found, balance: Balance, mesh: Mesh, mapped: Mapped)
     return shown
 
 
-def _tiles(task: Task, found: Found, colored: partial[Column]) -> list[str]:
+def _tiles(task: TileTask, found: Found, colored: partial[Column]) -> list[str]:
     wanted = task.params.tiles
     if wanted == "never" or (wanted == "auto" and len(columns_of(found.layout)) <= _MANY_COLUMNS):
         return []
@@ -127,7 +127,7 @@ def _tiles(task: Task, found: Found, colored: partial[Column]) -> list[str]:
     return ["tileset.json"]
 
 
-def _findings(task: Task, mapped: Mapped, per_voxel: float) -> Iterator[Finding]:
+def _findings(task: TileTask, mapped: Mapped, per_voxel: float) -> Iterator[Finding]:
     if not has_extra():
         text = "the mesh is not simplified and has no texture: fast-simplification and xatlas are not installed"
         yield Finding(Code.MODEL_EXTRA_ABSENT, text, advice="pip install uw_recon_ros[model]")
@@ -136,7 +136,9 @@ def _findings(task: Task, mapped: Mapped, per_voxel: float) -> Iterator[Finding]
         yield Finding(Code.MODEL_COARSENED, text, advice="raise most_cells")
 
 
-def _statistics(task: Task, found: Found, balance: Balance, mapped: Mapped, mesh: Mesh, total: int) -> dict[str, Any]:
+def _statistics(
+    task: TileTask, found: Found, balance: Balance, mapped: Mapped, mesh: Mesh, total: int
+) -> dict[str, Any]:
     layout, gains = found.layout, np.exp(balance.gains)
     return {
         "frames": len(task.frames), "frames_without_depth": int(np.isnan(layout.reaches[:, 0, 0]).sum()),

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from uw_recon_ros.drape.raster import Grid
-from uw_recon_ros.drape.simplify import vertex_normals
 from uw_recon_ros.files.atomic import write_bytes
 from uw_recon_ros.files.meshes import GLTF_FROM_WORLD, write_glb
 from uw_recon_ros.model.colors import Column, column_grid
 from uw_recon_ros.model.mesh import Mesh, column_mesh, reduced
 from uw_recon_ros.model.surface import Found, columns_of
-from uw_recon_ros.model.work import Task, World
+from uw_recon_ros.model.work import TileTask, World
+from uw_recon_ros.texturing.raster import MapGrid
+from uw_recon_ros.texturing.simplify import vertex_normals
 from uw_recon_ros.types import Matrix, Surface
 
 _LAZ_STEP_M = 1e-4
@@ -108,7 +108,7 @@ def _points(laspy: Any, header: Any, mesh: Mesh, origin: Matrix) -> Any:
     return points
 
 
-def write_tiles(task: Task, found: Found, colored: partial[Column], share: float) -> int:
+def write_tiles(task: TileTask, found: Found, colored: partial[Column], share: float) -> int:
     """Write ``tileset.json`` and a textured mesh a column of tiles (3D Tiles 1.1); returns how many.
 
     Each mesh has the column's part of the orthomosaic as its texture, seen from above. Coordinates are the world's less
@@ -131,7 +131,7 @@ def write_tiles(task: Task, found: Found, colored: partial[Column], share: float
     return len(children)
 
 
-def _from_above(mesh: Mesh, grid: Grid, own: Column, metric: bool) -> Surface:
+def _from_above(mesh: Mesh, grid: MapGrid, own: Column, metric: bool) -> Surface:
     edge = grid.cell * grid.columns
     uv = np.stack([(mesh.vertices[:, 0] - grid.west) / edge, 1 - (grid.north - mesh.vertices[:, 1]) / edge], axis=1)
     return Surface(

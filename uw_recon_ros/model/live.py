@@ -19,7 +19,7 @@ from uw_recon_ros.findings import Code
 from uw_recon_ros.fuse.frame import PosedFrame, posed_frame
 from uw_recon_ros.model.compose import compose
 from uw_recon_ros.model.params import DiveModelParams
-from uw_recon_ros.model.work import Task, World
+from uw_recon_ros.model.work import TileTask, World
 from uw_recon_ros.survey.kept_frame import read_kept, write_kept
 from uw_recon_ros.system_errors import explain
 from uw_recon_ros.track.keypoints import RigError, constants
@@ -108,7 +108,7 @@ def save_model(
     try:
         shutil.rmtree(partial, ignore_errors=True)
         partial.mkdir(parents=True)
-        made = compose(Task(_Posed(paths, poses), partial, DiveModelParams(), World(), tell))
+        made = compose(TileTask(_Posed(paths, poses), partial, DiveModelParams(), World(), tell))
         write_tum(partial / "trajectory.txt", trajectory_of(stamps_ns, poses, status=PoseStatus.TRACKED))
         summary = {
             "scale": "metric", "poses": "map <- left rectified optical frame; z up as odometry's frame has it",

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_recon_ros.drape.raster import Terrain, terrain_of
 from uw_recon_ros.fuse.blocks import BLOCK, TILE, Keys
 from uw_recon_ros.fuse.layout import Layout
 from uw_recon_ros.georeference.geotiff import Placement, write_geotiff
 from uw_recon_ros.model.colors import Column
 from uw_recon_ros.model.surface import Found, columns_of
-from uw_recon_ros.model.work import Task
+from uw_recon_ros.model.work import TileTask
+from uw_recon_ros.texturing.raster import Terrain, terrain_of
 from uw_recon_ros.types import ByteImage, FloatImage
 
 _VOXELS = BLOCK * TILE
@@ -103,7 +103,7 @@ def _extent(columns: Keys) -> tuple[int, int]:
     return int(north), int(east)
 
 
-def write_maps(task: Task, found: Found, colored: partial[Column], per_voxel: float) -> Mapped:
+def write_maps(task: TileTask, found: Found, colored: partial[Column], per_voxel: float) -> Mapped:
     """Write all maps from the columns."""
     layout = found.layout
     color = _assembled(task, layout, colored, "color", round(_VOXELS * per_voxel))
@@ -161,14 +161,14 @@ def _bands(raster: NDArray[Any]) -> Iterator[NDArray[Any]]:
     return (np.asarray(raster[v : v + _AT_ONCE]) for v in range(0, raster.shape[0], _AT_ONCE))
 
 
-def _placed(task: Task, layout: Layout, pixel: float) -> Placement:
+def _placed(task: TileTask, layout: Layout, pixel: float) -> Placement:
     columns = columns_of(layout)
     west, north = columns[:, 0].min() * layout.tile_edge, (columns[:, 1].max() + 1) * layout.tile_edge
     origin = task.world.origin
     return Placement(float(west + origin[0]), float(north + origin[1]), pixel, task.world.crs)
 
 
-def _assembled(task: Task, layout: Layout, colored: partial[Column], name: str, side: int) -> NDArray[Any]:
+def _assembled(task: TileTask, layout: Layout, colored: partial[Column], name: str, side: int) -> NDArray[Any]:
     """One part of all columns in its place, in a file that is mapped into memory."""
     columns = columns_of(layout)
     rows, across = _extent(columns)
@@ -188,7 +188,7 @@ def _assembled(task: Task, layout: Layout, colored: partial[Column], name: str, 
     return whole
 
 
-def _write_terrain(task: Task, heights: FloatImage, place: Placement) -> list[str]:
+def _write_terrain(task: TileTask, heights: FloatImage, place: Placement) -> list[str]:
     window = max(2, task.params.rugosity_window)
     parts = {
         name: np.lib.format.open_memmap(str(task.work / f"{name}.npy"), "w+", np.float32, heights.shape)

@@ -9,8 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from uw_recon_ros.drape.gains import Balance
-from uw_recon_ros.drape.simplify import (
+from uw_recon_ros.fuse.blocks import Keys
+from uw_recon_ros.fuse.marching_cubes import joined
+from uw_recon_ros.fuse.pieces import without_loose_pieces
+from uw_recon_ros.model.colors import Column, color_points
+from uw_recon_ros.model.maps import Overview
+from uw_recon_ros.model.surface import Found, column_patch, columns_of
+from uw_recon_ros.model.work import TileTask, World
+from uw_recon_ros.texturing.gains import Balance
+from uw_recon_ros.texturing.simplify import (
     Atlas,
     clustered,
     grown,
@@ -20,13 +27,6 @@ from uw_recon_ros.drape.simplify import (
     texels_of,
     vertex_normals,
 )
-from uw_recon_ros.fuse.blocks import Keys
-from uw_recon_ros.fuse.cubes import joined
-from uw_recon_ros.fuse.pieces import without_loose_pieces
-from uw_recon_ros.model.colors import Column, color_points
-from uw_recon_ros.model.maps import Overview
-from uw_recon_ros.model.surface import Found, column_patch, columns_of
-from uw_recon_ros.model.work import Task, World
 from uw_recon_ros.types import ByteImage, FloatImage, Matrix, Surface
 
 _AT_ONCE = 6_000_000  # triangles that are joined before they are simplified
@@ -74,13 +74,13 @@ def stacked(meshes: list[Mesh]) -> Mesh:
     )  # fmt: skip
 
 
-def column_mesh(task: Task, found: Found, column: Keys, colored: Column) -> Mesh:
+def column_mesh(task: TileTask, found: Found, column: Keys, colored: Column) -> Mesh:
     """All triangles of a column of tiles."""
     patch = column_patch(task, found, column)
     return Mesh(patch.vertices, patch.faces, colored.vertex_colors, patch.sigma, patch.views)
 
 
-def whole_mesh(task: Task, found: Found, colored: partial[Column], count: int, total: int) -> Mesh:
+def whole_mesh(task: TileTask, found: Found, colored: partial[Column], count: int, total: int) -> Mesh:
     """The dive in about `count` of its `total` triangles.
 
     Joined first where that fits into memory; else column by column, whose rims then meet within the simplification's
@@ -97,7 +97,7 @@ def whole_mesh(task: Task, found: Found, colored: partial[Column], count: int, t
     return stacked(parts)
 
 
-def _joined_mesh(task: Task, found: Found, colored: partial[Column], columns: Keys) -> Mesh:
+def _joined_mesh(task: TileTask, found: Found, colored: partial[Column], columns: Keys) -> Mesh:
     patches = [column_patch(task, found, column) for column in columns]
     colors = np.concatenate([colored(column).vertex_colors for column in columns])
     first = np.unique(np.concatenate([patch.keys for patch in patches]), return_index=True)[1]
@@ -124,7 +124,7 @@ class Shown:
     views: NDArray[np.int32]
 
 
-def textured(task: Task, found: Found, balance: Balance, mesh: Mesh, texel: float) -> Shown:
+def textured(task: TileTask, found: Found, balance: Balance, mesh: Mesh, texel: float) -> Shown:
     """A simpler mesh with a texture from the best views; `texel` is the edge of a texel wanted, m."""
     simple = reduced(mesh, task.params.texture_faces)
     atlas = make_atlas(simple.vertices, simple.faces, texel, task.params.texture_px)
@@ -153,7 +153,7 @@ def from_above(mesh: Mesh, count: int, overview: Overview, world: World) -> Show
     return Shown(surface, mesh.sigma[kept], mesh.views[kept])
 
 
-def _texture(task: Task, found: Found, balance: Balance, atlas: Atlas) -> ByteImage:
+def _texture(task: TileTask, found: Found, balance: Balance, atlas: Atlas) -> ByteImage:
     texels = texels_of(atlas)
     colors = np.zeros((len(texels.points), 3), np.uint8)
     columns, owner = np.unique(

@@ -33,14 +33,14 @@ _STATUS = {
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class SegmentPart:
     """One segment's model: its entry in ``model.json`` and what `compose` left; None where there is no surface."""
 
     entry: dict[str, Any]
     composed: Composed | None
 
 
-def write_model_page(path: Path, way: Trajectory, parts: Sequence[Part], made: dict[str, Any]) -> None:
+def write_model_page(path: Path, way: Trajectory, parts: Sequence[SegmentPart], made: dict[str, Any]) -> None:
     """Write the page.
 
     Parameters
@@ -69,7 +69,7 @@ def unit_of(way: Trajectory) -> str:
     return "m" if way.metric else "baselines"
 
 
-def _summary(way: Trajectory, parts: Sequence[Part], made: dict[str, Any]) -> Summary:
+def _summary(way: Trajectory, parts: Sequence[SegmentPart], made: dict[str, Any]) -> Summary:
     unit, first = unit_of(way), parts[0].entry
     facts = [("Frames in it", f"{sum(part.entry['frames'] for part in parts)} of {len(way)}"),
              ("Way", f"{path_length(way):.4g} {unit}")]  # fmt: skip
@@ -112,7 +112,7 @@ def tracks_of(way: Trajectory, segment: int) -> Iterator[Track]:
         yield Track(own.positions[np.unique(which)], color, words)
 
 
-def _sections(part: Part, way: Trajectory, *, alone: bool) -> Iterator[Section]:
+def _sections(part: SegmentPart, way: Trajectory, *, alone: bool) -> Iterator[Section]:
     composed = part.composed
     if composed is None:
         return
@@ -181,7 +181,7 @@ def _last_sigma(way: Trajectory) -> str:
     return f"{spread:.2g} {unit_of(way)}" if np.isfinite(spread) else "unknown"
 
 
-def _segments(parts: Sequence[Part], unit: str) -> Section:
+def _segments(parts: Sequence[SegmentPart], unit: str) -> Section:
     header = ("segment", "folder", "frames", "triangles", f"area, {unit}\u00b2", "completeness")
     rows = [_segment_row(part.entry) for part in parts]
     text = "" if len(parts) == 1 else "Where segments lie to each other is not known."

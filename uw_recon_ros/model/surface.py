@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 
 from uw_recon_ros import __version__
-from uw_recon_ros.drape.best_view import sharpness_of
 from uw_recon_ros.errors import ModelError
 from uw_recon_ros.findings import Code
 from uw_recon_ros.fuse.blocks import BLOCK, TILE, Keys
-from uw_recon_ros.fuse.cubes import Patch, extract, joined
 from uw_recon_ros.fuse.frame import view_of
 from uw_recon_ros.fuse.integrate import empty_volume
 from uw_recon_ros.fuse.layout import Layout, LayoutBuilder, footprint_of, voxel_for
+from uw_recon_ros.fuse.marching_cubes import Patch, extract, joined
 from uw_recon_ros.fuse.pieces import seen_by, without_loose_pieces
-from uw_recon_ros.model.work import Arrays, Task
+from uw_recon_ros.model.work import Arrays, TileTask
+from uw_recon_ros.texturing.best_view import sharpness_of
 from uw_recon_ros.types import Matrix
 
 _LOOKED_AT = 24  # frames that choose the size of the voxels
@@ -47,7 +47,7 @@ class Found:
     max_sigma: float
 
 
-def chosen_sizes(task: Task) -> tuple[float, float]:
+def chosen_sizes(task: TileTask) -> tuple[float, float]:
     """Edge of the voxels, and the sigma up to which a depth counts, m: as told, or as the dive's depths suggest.
 
     Raises
@@ -66,7 +66,7 @@ def chosen_sizes(task: Task) -> tuple[float, float]:
     return voxel, task.params.max_sigma_m or max(_SIGMA_VOXELS * voxel, float(f"{_USUAL_SIGMAS * usual:.2g}"))
 
 
-def look_through(task: Task) -> Found:
+def look_through(task: TileTask) -> Found:
     """Read every frame once: what of space is filled, how sharp each picture is, what the work is made from.
 
     Raises
@@ -91,7 +91,7 @@ def _sum(array: np.ndarray[Any, Any]) -> int:
     return zlib.crc32(np.ascontiguousarray(array).data)
 
 
-def _made_from(task: Task, voxel: float, sums: list[list[int]]) -> dict[str, Any]:
+def _made_from(task: TileTask, voxel: float, sums: list[list[int]]) -> dict[str, Any]:
     """Everything the results depend on, but for the number of jobs."""
     params = {s.name: getattr(task.params, s.name) for s in task.params.specs() if s.name != "jobs"}
     origin, crs = task.world.origin.tolist(), task.world.crs.text
@@ -106,7 +106,7 @@ def _relative(sharp: Matrix) -> Matrix:
     return np.clip(sharp / usual, 0.1, 1.0)
 
 
-def patch_of(task: Task, found: Found, tile: Keys) -> Patch:
+def patch_of(task: TileTask, found: Found, tile: Keys) -> Patch:
     """The surface in one tile, from the disk where it was made before."""
     name = "tile_" + "_".join(str(k) for k in tile.tolist())
     return Patch(**task.kept(name, lambda: _as_arrays(_fuse_tile(task, found, tile))))
@@ -116,7 +116,7 @@ def _as_arrays(patch: Patch) -> Arrays:
     return {name: getattr(patch, name) for name in ("vertices", "faces", "sigma", "views", "keys")}
 
 
-def _fuse_tile(task: Task, found: Found, tile: Keys) -> Patch:
+def _fuse_tile(task: TileTask, found: Found, tile: Keys) -> Patch:
     layout = found.layout
     volume = empty_volume(layout.blocks_of(tile), layout.voxel)
     for number in layout.frames_of(tile).tolist():
@@ -131,7 +131,7 @@ def _on_border(patch: Patch, tile: Keys, layout: Layout) -> np.ndarray[Any, np.d
     return np.asarray(((place < 1e-6) | (place > BLOCK * TILE - 1e-6)).any(axis=1))
 
 
-def fuse_all(task: Task, found: Found) -> int:
+def fuse_all(task: TileTask, found: Found) -> int:
     """Fuse every tile, so that `patch_of` finds it; returns the number of triangles.
 
     Raises
@@ -146,7 +146,7 @@ def fuse_all(task: Task, found: Found) -> int:
     return faces
 
 
-def column_patch(task: Task, found: Found, column: Keys) -> Patch:
+def column_patch(task: TileTask, found: Found, column: Keys) -> Patch:
     """The surface in all tiles above each other."""
     tiles = found.layout.tiles
     return joined([patch_of(task, found, tile) for tile in tiles[(tiles[:, :2] == column).all(axis=1)]])

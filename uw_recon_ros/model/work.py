@@ -50,7 +50,7 @@ class World:
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class TileTask:
     """One model to make: the frames of one segment, and where it goes.
 
     Parameters

@@ -22,7 +22,7 @@ from typing import Any
 
 from rclpy.node import Node
 
-from uw_recon_ros.calibration.rectified import came_rectified
+from uw_recon_ros.calibration.rectified import rectified_by_name
 from uw_recon_ros.rectify.stage import Rectify, RectifyParams
 from uw_recon_ros.rectify.tracker import RigTracker
 from uw_recon_ros.ros import rectified_frame
@@ -76,7 +76,7 @@ def unwanted_infos(params: RectifyParams) -> frozenset[str]:
 def came_rectified_to(node: Node, params: RectifyParams) -> tuple[bool, bool]:
     """Whether the left and the right cameras' images come rectified, by the topics that the node is remapped to."""
     left, right = (
-        came_rectified(
+        rectified_by_name(
             params.images_rectified, *(node.resolve_topic_name(f"{side}/image_{kind}") for kind in ("raw", "enhanced"))
         )
         for side in SIDES

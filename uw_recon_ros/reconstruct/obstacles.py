@@ -71,7 +71,7 @@ class ObstacleParams(Params):
 
 
 @dataclass(frozen=True, eq=False)
-class Surroundings:
+class ObstacleScan:
     """The trusted points of one depth map, as the vehicle sees them.
 
     Parameters
@@ -148,7 +148,7 @@ class FindObstacles:
     min_range: float = 0.1
     max_range: float = 20.0
 
-    def look(self, depth: DepthMap, disparity: DisparityMap) -> Surroundings:
+    def look(self, depth: DepthMap, disparity: DisparityMap) -> ObstacleScan:
         """Take of a depth map what is trusted.
 
         Parameters
@@ -177,7 +177,7 @@ class FindObstacles:
         along_ray = depth.sigma[trusted][near] / depth.depth[trusted][near] * lengths[near]
         fewest = max(1, round(p.obstacle_min_share * depth.depth.size))
         offsets = points[near] @ self.mount.base_from_optical.T
-        return Surroundings(offsets, along_ray, fewest, self.min_range, self.max_range, depth.stamp_ns, p, self.mount)
+        return ObstacleScan(offsets, along_ray, fewest, self.min_range, self.max_range, depth.stamp_ns, p, self.mount)
 
 
 #: px from the near limit of the search: what would be nearer lands there, and so does water that shows nothing.

@@ -22,7 +22,7 @@ from uw_recon_ros.pairing import PAIR_TOLERANCE_MS
 from uw_recon_ros.recordings.contents import CalibrationState, CameraImages, RecordingInfo
 from uw_recon_ros.recordings.listing import Listing, list_frames
 from uw_recon_ros.recordings.options import Options
-from uw_recon_ros.recordings.pair_index import Frame, Place, Rigs, Walk
+from uw_recon_ros.recordings.pair_index import Frame, Place, Rigs, StampPairer
 from uw_recon_ros.recordings.read import Reader
 from uw_recon_ros.recordings.sources import Source, find_sources, open_source
 from uw_recon_ros.recordings.verdict import judge, judge_infos, judge_rig
@@ -135,7 +135,7 @@ def _inspect_bag(source: Source, bag: BagReader, topics: StereoTopics, options: 
             takers[raw.topic](raw)
         except BagError as error:
             bag.note(str(error))
-    walk = Walk(bag, topics, 0, round(options.pair_tolerance_ms * 1e6), rigs, options.offset_ns or 0)
+    walk = StampPairer(bag, topics, 0, round(options.pair_tolerance_ms * 1e6), rigs, options.offset_ns or 0)
     numbers = _pair_numbers([frame.stamp_ns for frame in walk])
     size = sides[0].width, sides[0].height
     state, baseline, findings = judge_rig(rigs.given, size) if rigs.given else judge_infos(infos, size)

@@ -7,12 +7,12 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 
-from uw_recon_ros.calibration.rectified import came_rectified
+from uw_recon_ros.calibration.rectified import rectified_by_name
 from uw_recon_ros.errors import BagError, CalibrationError, ReconError
 from uw_recon_ros.files.calibrations import read_calibration
 from uw_recon_ros.findings import Code
 from uw_recon_ros.recordings.options import Options
-from uw_recon_ros.recordings.pair_index import Frame, Rigs, Walk
+from uw_recon_ros.recordings.pair_index import Frame, Rigs, StampPairer
 from uw_recon_ros.recordings.read import Reader
 from uw_recon_ros.recordings.sources import Source, calibration_file, open_source
 from uw_recon_ros.recordings.views import list_stills, list_video
@@ -116,7 +116,7 @@ def _list_source(source: Source, index: int, options: Options, rigs: Rigs, notes
         return [replace(frame, source=index, rig=rig) for frame in frames]
     with open_source(source) as bag:
         topics = bag.stereo_topics(options.left_topic or None, options.right_topic or None)
-        walk = Walk(bag, topics, index, round(options.pair_tolerance_ms * 1e6), rigs, options.offset_ns or 0)
+        walk = StampPairer(bag, topics, index, round(options.pair_tolerance_ms * 1e6), rigs, options.offset_ns or 0)
         frames = list(walk)
         notes += [f"{source.name}: {sentence}" for sentence in [*bag.damage, *walk.notes()]]
     if not frames:
@@ -127,7 +127,7 @@ def _list_source(source: Source, index: int, options: Options, rigs: Rigs, notes
 def _rig_beside(source: Source, frames: list[Frame], rigs: Rigs) -> int:
     """The rig of the calibration beside stills or videos."""
     file = None if rigs.given else calibration_file(source)
-    rectified = came_rectified(rigs.images_rectified)
+    rectified = rectified_by_name(rigs.images_rectified)
     own = read_calibration(file, partial(_first_size, source, frames)) if file else None
     return rigs.index(own, (rectified, rectified))
 

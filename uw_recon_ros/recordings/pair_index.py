@@ -120,7 +120,7 @@ _STAMP = struct.Struct("<4xiI")  # CDR's encapsulation, then the header's stamp
 _BIG_STAMP = struct.Struct(">4xiI")
 
 
-class Walk:
+class StampPairer:
     """Pairs the messages of a bag by the stamps at the beginning of their bytes; iterate once, then ask.
 
     Parameters

@@ -14,7 +14,7 @@ from uw_recon_ros.rectify.port import PortCamera, ports_of, through_flat_ports
 from uw_recon_ros.rectify.rectification import Rectification, behind, exchanged
 from uw_recon_ros.rectify.rectified_camera import RectifiedCamera, Views
 from uw_recon_ros.rectify.refraction_check import PortIndex, port_index
-from uw_recon_ros.rectify.rows import RowAgreement, not_checked, scale_withheld
+from uw_recon_ros.rectify.row_error import RowAgreement, not_checked, scale_withheld
 from uw_recon_ros.rectify.stereo_info import judged_rig
 from uw_recon_ros.rectify.tie_points import TiePoints
 from uw_recon_ros.rectify.warp import inner_windows, make_canvas

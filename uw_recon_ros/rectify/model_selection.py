@@ -77,7 +77,7 @@ def choose_axis(tie_points: TiePoints, params: RectifyParams) -> Candidate:
     return replace(chosen, fit=_trimmed_fit(chosen.fitted, chosen.fit, params))
 
 
-def came_rectified(candidate: Candidate, params: RectifyParams) -> bool:
+def rows_already_aligned(candidate: Candidate, params: RectifyParams) -> bool:
     """Whether the images' own rows agree, about as well as the fit could make them."""
     rows = candidate.everything.left[:, 1] - candidate.everything.right[:, 1]
     if row_statistics(rows)[0] > params.given_limit_px or params.given_limit_px == 0:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Protocol
 
 from uw_recon_ros.calibration.judge import judge_calibration
-from uw_recon_ros.calibration.rectified import came_rectified, rig_as_imaged
+from uw_recon_ros.calibration.rectified import rectified_by_name, rig_as_imaged
 from uw_recon_ros.errors import CalibrationError, EstimationError, ImageError
 from uw_recon_ros.findings import Code, Finding, Severity
 from uw_recon_ros.rectify.calibrated import judged, rectification_from_calibration, unjudged
@@ -243,7 +243,7 @@ class RigTracker:
             raise CalibrationError("calibration: expected one (calibration_use = require), got none")
         if calibration is None or use == "ignore" or (use == "auto" and not has_baseline(calibration)):
             return None
-        rectified = came_rectified(self.params.images_rectified)
+        rectified = rectified_by_name(self.params.images_rectified)
         return rig_as_imaged(calibration, (rectified, rectified))
 
     def _start(self, pair: EnhancedPair, calibration: StereoCalibration | None) -> _Rig:

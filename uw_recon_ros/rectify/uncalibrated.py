@@ -9,12 +9,12 @@ import numpy as np
 from uw_recon_ros.errors import EstimationError
 from uw_recon_ros.findings import Code, Finding, Severity
 from uw_recon_ros.rectify.camera_order import sided
-from uw_recon_ros.rectify.model_selection import Candidate, came_rectified, choose_axis
+from uw_recon_ros.rectify.model_selection import Candidate, choose_axis, rows_already_aligned
 from uw_recon_ros.rectify.params import RectifyParams
 from uw_recon_ros.rectify.quality import flatness_warnings, forward_motion, refusals
 from uw_recon_ros.rectify.rectification import Rectification, row_statistics
 from uw_recon_ros.rectify.rectified_camera import RectifiedCamera, Views
-from uw_recon_ros.rectify.rows import row_noise
+from uw_recon_ros.rectify.row_error import row_noise
 from uw_recon_ros.rectify.shape import USUAL_FOCAL, projective, shape_sigma, with_lens
 from uw_recon_ros.rectify.tie_points import TiePoints, thinned
 from uw_recon_ros.rectify.warp import inner_windows, make_canvas, swapped_map, swapped_window, warped_centre
@@ -193,7 +193,7 @@ def estimate_rectification(tie_points: TiePoints, params: RectifyParams) -> Rect
             f"rectification: expected at least {params.tie_points_min} tie points, got {len(tie_points)}"
         )
     candidate = choose_axis(thinned(tie_points, params.tie_points_max, params.rectify_seed), params)
-    if came_rectified(candidate, params):
+    if rows_already_aligned(candidate, params):
         rectification = _as_given(candidate, params)
     else:
         rectification = _warped(candidate, _sound_views(candidate, params), params)

@@ -20,7 +20,7 @@ from uw_recon_ros.ros.message_groups import Group
 from uw_recon_ros.ros.outputs import Outputs, Publishers
 from uw_recon_ros.ros.parameters import NodeParameters, ParameterError, ParameterSet
 from uw_recon_ros.ros.reporter import Reporter
-from uw_recon_ros.ros.session import Session
+from uw_recon_ros.ros.session import NodeSession
 from uw_recon_ros.topics import find_topic
 
 S = TypeVar("S")
@@ -48,10 +48,10 @@ class StageNode(ManagedNode, Generic[S]):
     """Base of the stage nodes.
 
     A subclass says which topics go in and out and implements `build` (parameters -> stage) and `work` (stage and
-    messages -> messages). Whatever a frame's data did wrong ends in the `Session`: the frame is dropped, counted and
-    reported.
+    messages -> messages). Whatever a frame's data did wrong ends in the `NodeSession`: the frame is dropped, counted
+    and reported.
 
-    Unconfigured, a node has parameters and diagnostics; configured, a `Session`, which is warmed up; active, it
+    Unconfigured, a node has parameters and diagnostics; configured, a `NodeSession`, which is warmed up; active, it
     subscribes as long as somebody listens. By ``autostart`` it becomes active by itself.
 
     Parameters
@@ -91,7 +91,7 @@ class StageNode(ManagedNode, Generic[S]):
         inputs, outputs = tuple(inputs), tuple(outputs)
         _expect_installed(inputs, outputs)
         super().__init__(name, **options)
-        self.session: Session[S] | None = None
+        self.session: NodeSession[S] | None = None
         self._ending: list[Callable[[float], bool]] = []
         self._outputs = tuple(outputs)
         self.warn = Throttle(self.get_logger().warning)
@@ -138,7 +138,7 @@ class StageNode(ManagedNode, Generic[S]):
     def configure(self) -> None:
         """Make stage and publishers, and begin to warm up."""
         stage = self.build(self._declared.current)
-        self.session = Session(self, stage, Publishers(self, self._outputs, self._follow_listeners))
+        self.session = NodeSession(self, stage, Publishers(self, self._outputs, self._follow_listeners))
         self._set_inputs(self._declared.current)
 
     def activate(self) -> None:

@@ -10,7 +10,7 @@ from rclpy.clock import Clock, ClockType
 from uw_recon_ros.ros.diagnostics import Diagnostics
 from uw_recon_ros.ros.inputs import Inputs
 from uw_recon_ros.ros.qos import profile
-from uw_recon_ros.ros.session import Session
+from uw_recon_ros.ros.session import NodeSession
 
 _PERIOD_S = 1.0
 
@@ -23,7 +23,7 @@ class Reported(Protocol):
     trouble: str
 
     @property
-    def session(self) -> Session[Any] | None:
+    def session(self) -> NodeSession[Any] | None:
         """Its session, while configured."""
 
     @property

@@ -76,7 +76,7 @@ class WarmUp:
         return None
 
 
-class Session(Generic[S]):
+class NodeSession(Generic[S]):
     """One configuration of a node at work.
 
     Methods belong to the executor's thread.

@@ -8,7 +8,7 @@ from typing import cast
 
 import numpy as np
 
-from uw_recon_ros.calibration.together import rectifying_views
+from uw_recon_ros.calibration.stereo_pose import rectifying_views
 from uw_recon_ros.simulate.params import SimulateParams
 from uw_recon_ros.types import Axis, CameraModel, Matrix, StereoCalibration, StereoGeometry
 

@@ -64,7 +64,9 @@ class SurveyDive(Dive):
     def told_calibration(self) -> StereoCalibration:
         """What the bag says of the rig: the truth, with the errors that were asked for."""
         c = self.course.course
-        return told(self.calibration, self.params.axis, c.told_disparity_offset_px, c.told_focal_percent)
+        return with_calibration_errors(
+            self.calibration, self.params.axis, c.told_disparity_offset_px, c.told_focal_percent
+        )
 
     def true_trajectory(self) -> Trajectory:
         """Of the left optical frame, at the frames that arrive."""
@@ -81,7 +83,9 @@ def _smeared(light: FloatImage, length_px: float, angle: float) -> FloatImage:
     return np.asarray(cv2.filter2D(light, -1, line / line.sum(), borderType=cv2.BORDER_REFLECT), np.float32)
 
 
-def told(true: StereoCalibration, axis: str, offset_px: float, focal_percent: float) -> StereoCalibration:
+def with_calibration_errors(
+    true: StereoCalibration, axis: str, offset_px: float, focal_percent: float
+) -> StereoCalibration:
     """The calibration with errors: every disparity `offset_px` too large, the focal lengths wrong."""
     share = 1 + focal_percent / 100
     cameras = []

@@ -21,7 +21,7 @@ _SAY_EVERY_S = 5.0
 
 
 @dataclass(frozen=True)
-class Request:
+class SurveyRequest:
     """What was asked for.
 
     Parameters
@@ -93,7 +93,7 @@ class Outcome:
         return not self.failed and not self.unreadable
 
 
-def settings_of(request: Request, sources: list[Source], progress: Progress) -> dict[str, Any]:
+def settings_of(request: SurveyRequest, sources: list[Source], progress: Progress) -> dict[str, Any]:
     """Everything the output depends on: the same settings give the same bytes.
 
     Raises

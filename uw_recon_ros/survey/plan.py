@@ -104,7 +104,7 @@ class Plan:
 
 
 @dataclass(frozen=True)
-class Task:
+class FrameTask:
     """One frame for one process.
 
     Parameters
@@ -128,16 +128,16 @@ _CLASSES = (
 )  # fmt: skip
 
 
-def save_plan(plan: Plan, state: Path) -> Callable[[Frame], Task]:
+def save_plan(plan: Plan, state: Path) -> Callable[[Frame], FrameTask]:
     """Write the plan; return what makes a task of a frame."""
     path = (state / "plan.npz").absolute()
     data = pack(plan)
     write_bytes(path, data, durable=True)
     digest = hashlib.sha256(data).hexdigest()
-    return lambda frame: Task(str(path), digest, frame)
+    return lambda frame: FrameTask(str(path), digest, frame)
 
 
-def load_plan(task: Task) -> Plan:
+def load_plan(task: FrameTask) -> Plan:
     """Read a task's plan.
 
     Raises

@@ -19,7 +19,7 @@ from uw_recon_ros.preprocess.stage import Preprocess
 from uw_recon_ros.reconstruct.stage import Reconstruct
 from uw_recon_ros.rectify.params import RectifyParams
 from uw_recon_ros.rectify.rectification import Rectification
-from uw_recon_ros.rectify.rows import RowAgreement, not_checked, scale_withheld
+from uw_recon_ros.rectify.row_error import RowAgreement, not_checked, scale_withheld
 from uw_recon_ros.rectify.seam import torn
 from uw_recon_ros.rectify.stage import Rectify
 from uw_recon_ros.rectify.tie_points import find_tie_points

@@ -21,11 +21,11 @@ from uw_recon_ros.rectify.stereo_info import has_baseline
 from uw_recon_ros.rectify.tie_points import TiePoints, gathered
 from uw_recon_ros.rectify.uncalibrated import estimate_rectification
 from uw_recon_ros.survey.executor import Executor, Lost
-from uw_recon_ros.survey.plan import Task
+from uw_recon_ros.survey.plan import FrameTask
 from uw_recon_ros.survey.worker import tie_points_of
 from uw_recon_ros.types import StereoCalibration
 
-Hand = Callable[[Frame], Task]
+Hand = Callable[[Frame], FrameTask]
 
 _CALIBRATED_FRAMES = 5  # enough to judge a rig that needs no estimate
 _NO_BASELINE = "CameraInfo describes two single cameras (P[3] = P[7] = 0): rectified without calibration"

@@ -19,7 +19,7 @@ from uw_recon_ros.recordings.sources import Source, find_sources
 from uw_recon_ros.rectify.rectification import Rectification
 from uw_recon_ros.survey.choose import choose, options_of
 from uw_recon_ros.survey.executor import Executor, Lost
-from uw_recon_ros.survey.job import Outcome, Request, settings_of
+from uw_recon_ros.survey.job import Outcome, SurveyRequest, settings_of
 from uw_recon_ros.survey.output_bag import assemble, is_assembled
 from uw_recon_ros.survey.plan import Plan, save_plan
 from uw_recon_ros.survey.report import write_report
@@ -33,12 +33,12 @@ from uw_recon_ros.warm import tell_if_cold
 _FINISHED = "finished.json"
 
 
-def run_survey(request: Request, make_executor: Callable[[], Executor], progress: Progress) -> Outcome:
+def run_survey(request: SurveyRequest, make_executor: Callable[[], Executor], progress: Progress) -> Outcome:
     """Reconstruct what is not reconstructed yet, and write the report.
 
     Parameters
     ----------
-    request : Request
+    request : SurveyRequest
     make_executor : callable
         Called when there is work.
     progress : Progress
@@ -68,7 +68,7 @@ def run_survey(request: Request, make_executor: Callable[[], Executor], progress
         return run.outcome()
 
 
-def _list(request: Request, sources: list[Source], progress: Progress) -> Listing:
+def _list(request: SurveyRequest, sources: list[Source], progress: Progress) -> Listing:
     options = options_of(request.survey)
     size = partial(first_size, sources, options)
     given = read_calibration(request.calibration, size) if request.calibration else None
@@ -97,7 +97,7 @@ def _needed(row: Row, assembled: bool) -> dict[str, int]:
 class _Run:
     """One go at a survey. Rows stay in the journal until the end: memory does not grow with the frames."""
 
-    request: Request
+    request: SurveyRequest
     store: Store
     sources: list[Source]
     settings: dict[str, Any]

@@ -23,7 +23,7 @@ from uw_recon_ros.rectify.rectification import Rectification
 from uw_recon_ros.rectify.tie_points import TiePoints, find_tie_points
 from uw_recon_ros.report.figures import as_byte_rgb
 from uw_recon_ros.stopwatch import Stopwatch
-from uw_recon_ros.survey.plan import Plan, Task, load_plan
+from uw_recon_ros.survey.plan import FrameTask, Plan, load_plan
 from uw_recon_ros.survey.products import FramePipeline, FrameProducts, describe
 from uw_recon_ros.survey.store import FAILED, PREVIEWS, Row, SurveyError, frame_name
 from uw_recon_ros.survey.write import frame_files, side_by_side
@@ -59,7 +59,7 @@ _workshops: dict[str, Workshop] = {}  # by the plan's digest; a Dask worker may 
 _MOST_WORKSHOPS = 2
 
 
-def _enter(task: Task) -> Workshop:
+def _enter(task: FrameTask) -> Workshop:
     """This process's workshop for a plan; the oldest is given up, and closes its bags once no thread is in it."""
     with _lock:
         if task.digest not in _workshops:
@@ -69,7 +69,7 @@ def _enter(task: Task) -> Workshop:
         return _workshops[task.digest]
 
 
-def tie_points_of(task: Task) -> TiePoints | str:
+def tie_points_of(task: FrameTask) -> TiePoints | str:
     """Tie points of one frame, or why there are none."""
     shop = _enter(task)
     try:
@@ -81,7 +81,7 @@ def tie_points_of(task: Task) -> TiePoints | str:
         return _found(error).text
 
 
-def reconstruct_frame(task: Task) -> Row:
+def reconstruct_frame(task: FrameTask) -> Row:
     """Reconstruct one frame and write its files.
 
     Returns

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.track.keypoints import Keypoints, equalised, find_keypoints, sampled, with_disparity
 from uw_recon_ros.track.params import TrackParams
-from uw_recon_ros.track.relate import Matches, expected_places
+from uw_recon_ros.track.relate import KeyPointMatches, expected_places
 from uw_recon_ros.trajectory import DisparityFrame
 from uw_recon_ros.types import ByteImage, FloatImage, Matrix, StereoGeometry
 
@@ -66,7 +66,7 @@ def _measured(places: Matrix, disparity: FloatImage, sigma: FloatImage) -> tuple
     return np.column_stack([places, sampled(disparity, places)]), sampled(sigma, places)
 
 
-def follow(first: Corners, second: Corners, window_px: int, guess: Matrix | None = None) -> Matches:
+def follow(first: Corners, second: Corners, window_px: int, guess: Matrix | None = None) -> KeyPointMatches:
     """Follow the first frame's corners into the second, and back again.
 
     Parameters
@@ -79,7 +79,7 @@ def follow(first: Corners, second: Corners, window_px: int, guess: Matrix | None
     """
     start = first.measured[:, :2].astype(np.float32).reshape(-1, 1, 2)
     if not len(start):
-        return Matches(first.measured, first.measured, first.spread, first.spread)
+        return KeyPointMatches(first.measured, first.measured, first.spread, first.spread)
     begin = start.copy()
     if guess is not None:
         begin[:, 0] = expected_places(first.measured, second.geometry, guess)
@@ -92,7 +92,7 @@ def follow(first: Corners, second: Corners, window_px: int, guess: Matrix | None
     good &= ((places >= 0) & (places <= (width - 1, height - 1))).all(axis=1)
     measured, spread = _measured(places[good], second.disparity, second.sigma)
     known = np.isfinite(measured[:, 2]) & np.isfinite(spread)
-    return Matches(first.measured[good][known], measured[known], first.spread[good][known], spread[known])
+    return KeyPointMatches(first.measured[good][known], measured[known], first.spread[good][known], spread[known])
 
 
 def _flow(

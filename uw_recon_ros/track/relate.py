@@ -30,7 +30,7 @@ Pairs = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
-class Matches:
+class KeyPointMatches:
     """Places that two frames show both.
 
     Parameters
@@ -46,9 +46,9 @@ class Matches:
     sigma_first: Matrix
     sigma_second: Matrix
 
-    def picked(self, which: NDArray[Any]) -> Matches:
+    def picked(self, which: NDArray[Any]) -> KeyPointMatches:
         """Some of them."""
-        return Matches(self.first[which], self.second[which], self.sigma_first[which], self.sigma_second[which])
+        return KeyPointMatches(self.first[which], self.second[which], self.sigma_first[which], self.sigma_second[which])
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +75,7 @@ class RelativePose:
     inliers: int
     chi2: float = 1.0
     rival: int = 0
-    matches: Matches | None = None
+    matches: KeyPointMatches | None = None
 
 
 def match_keypoints(
@@ -116,13 +116,13 @@ def _near(expected: Matrix, second: Keypoints, radius: float) -> NDArray[np.bool
     return np.asarray(columns & rows, np.bool_)
 
 
-def matches_of(first: Keypoints, second: Keypoints, pairs: Pairs) -> Matches:
+def matches_of(first: Keypoints, second: Keypoints, pairs: Pairs) -> KeyPointMatches:
     """Measurements of matched key points."""
     a, b = pairs.T
-    return Matches(first.measured[a], second.measured[b], first.sigma[a], second.sigma[b])
+    return KeyPointMatches(first.measured[a], second.measured[b], first.sigma[a], second.sigma[b])
 
 
-def _p3p(matches: Matches, geometry: StereoGeometry) -> tuple[Matrix, NDArray[np.int64]] | None:
+def _p3p(matches: KeyPointMatches, geometry: StereoGeometry) -> tuple[Matrix, NDArray[np.int64]] | None:
     """Second <- first by P3P in RANSAC, and its inliers. OpenCV's RANSAC always draws the same."""
     if len(matches.first) < 6:
         return None
@@ -191,7 +191,7 @@ class Linearised:
 
 
 def linearise(
-    second_from_first: Matrix, matches: Matches, geometry: StereoGeometry, error: RigError, sigma_px: float
+    second_from_first: Matrix, matches: KeyPointMatches, geometry: StereoGeometry, error: RigError, sigma_px: float
 ) -> Linearised:
     """Residuals in u, v, d of the second frame; their covariance is the second's and the first's carried over."""
     rotation, moved = second_from_first[:3, :3], second_from_first[:3, 3]
@@ -237,7 +237,7 @@ def huber(squares: Matrix) -> Matrix:
 
 def refine(
     second_from_first: Matrix,
-    matches: Matches,
+    matches: KeyPointMatches,
     geometry: StereoGeometry,
     sigma_px: float,
     error: RigError | None = None,
@@ -258,7 +258,7 @@ def refine(
     return motion, np.linalg.inv(normal) * max(chi2, 1.0) * _SHARED, chi2
 
 
-def _gated(motion: Matrix, matches: Matches, geometry: StereoGeometry, sigma_px: float) -> NDArray[np.bool_]:
+def _gated(motion: Matrix, matches: KeyPointMatches, geometry: StereoGeometry, sigma_px: float) -> NDArray[np.bool_]:
     return np.asarray(linearise(motion, matches, geometry, RigError(), sigma_px).squares < _GATE, np.bool_)
 
 
@@ -295,7 +295,7 @@ def relate(
 
 
 def relation_of(
-    matches: Matches, geometry: StereoGeometry, params: TrackParams, inliers: int | None = None
+    matches: KeyPointMatches, geometry: StereoGeometry, params: TrackParams, inliers: int | None = None
 ) -> RelativePose | None:
     """Judge matches, however they were found: the motion that enough of them agree on; None where too few do."""
     begun = _p3p(matches, geometry)

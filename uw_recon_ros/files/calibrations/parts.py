@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from uw_recon_ros.calibration.together import Lens, Parts, Rectified
+from uw_recon_ros.calibration.stereo_pose import Lens, Parts, Rectified
 from uw_recon_ros.errors import CalibrationError
 from uw_recon_ros.files.calibrations.document import Document
 from uw_recon_ros.files.calibrations.found import (

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from uw_recon_ros.calibration.together import Parts
+from uw_recon_ros.calibration.stereo_pose import Parts
 from uw_recon_ros.errors import CalibrationError
 from uw_recon_ros.files.calibrations import own, parts, ros
 from uw_recon_ros.files.calibrations.document import LARGEST_BYTES, Document, read_documents

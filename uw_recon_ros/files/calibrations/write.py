@@ -13,7 +13,7 @@ import numpy as np
 import yaml
 from scipy.spatial.transform import Rotation
 
-from uw_recon_ros.calibration.together import right_from_left
+from uw_recon_ros.calibration.stereo_pose import right_from_left
 from uw_recon_ros.errors import CalibrationError
 from uw_recon_ros.files.atomic import write_bytes
 from uw_recon_ros.findings import Code

@@ -17,7 +17,7 @@ from uw_recon_ros.match.kz2.graph import FORBIDDEN, Graph, Part
 _NO_LABEL = int(OCCLUDED)
 
 
-class Scene(NamedTuple):
+class PreparedPair(NamedTuple):
     """What does not change: the images and the constants of the energy.
 
     Parameters
@@ -71,7 +71,7 @@ def make_graph(height: int, width: int, constants: Constants) -> Graph:
 
 
 @kernel
-def prepare(runs: NDArray[np.int32], part: Part, scene: Scene, costs: Costs, graph: Graph) -> None:
+def prepare(runs: NDArray[np.int32], part: Part, scene: PreparedPair, costs: Costs, graph: Graph) -> None:
     """Compute gain and links of switching on (p, p - alpha), for the open pixels of a part."""
     for run in range(runs.shape[0]):
         first, stop = runs[run, 0], runs[run, 1]
@@ -88,7 +88,7 @@ def prepare(runs: NDArray[np.int32], part: Part, scene: Scene, costs: Costs, gra
 
 
 @kernel
-def _prepare_run(row: int, u: int, end: int, alpha: int, scene: Scene, costs: Costs, graph: Graph) -> None:
+def _prepare_run(row: int, u: int, end: int, alpha: int, scene: PreparedPair, costs: Costs, graph: Graph) -> None:
     """As if no assignment of alpha were active: every loop over plain rows, for the compiler to vectorise.
 
     Arcs over the first and the last row are closed by `graph.reach`, like all that leave a band.
@@ -112,7 +112,7 @@ def _prepare_run(row: int, u: int, end: int, alpha: int, scene: Scene, costs: Co
 
 
 @kernel
-def _link_left(row: int, u: int, end: int, alpha: int, scene: Scene, links: NDArray[np.uint8]) -> None:
+def _link_left(row: int, u: int, end: int, alpha: int, scene: PreparedPair, links: NDArray[np.uint8]) -> None:
     """The arcs to the left neighbours: their pixels' arcs to the right."""
     skip = 1 if u == max(alpha, 0) else 0
     left = scene.left.smooth[row, u + skip - 1 : end - 1]
@@ -141,7 +141,7 @@ def apply_switches(
     changed: NDArray[np.int32],
     move: int,
     part: Part,
-    scene: Scene,
+    scene: PreparedPair,
     costs: Costs,
     graph: Graph,
     fresh: NDArray[np.int32],
@@ -168,7 +168,7 @@ def apply_switches(
 
 
 @kernel(allocates=False, inline=True)
-def _refresh(p: int, scene: Scene, costs: Costs, graph: Graph) -> None:
+def _refresh(p: int, scene: PreparedPair, costs: Costs, graph: Graph) -> None:
     """Compute gain and links of dropping the active assignment of p."""
     disparity, drop = int(graph.label[p]), p + graph.label.size
     if disparity == _NO_LABEL:
@@ -186,7 +186,7 @@ def _refresh(p: int, scene: Scene, costs: Costs, graph: Graph) -> None:
 
 
 @kernel(allocates=False, inline=True)
-def _link(row: int, u: int, disparity: int, k: int, scene: Scene) -> int:
+def _link(row: int, u: int, disparity: int, k: int, scene: PreparedPair) -> int:
     """Two bits of `Graph.links` for the neighbour in direction k of the assignment (row, u) - (row, u - disparity)."""
     if k == 0:
         exists, bit = u + 1 < min(scene.width, scene.width + disparity), SMOOTH_RIGHT

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros.jit import kernel
-from uw_recon_ros.match.kz2.assignments import Costs, Scene, apply_switches, make_graph, prepare
+from uw_recon_ros.match.kz2.assignments import Costs, PreparedPair, apply_switches, make_graph, prepare
 from uw_recon_ros.match.kz2.constants import Constants
 from uw_recon_ros.match.kz2.data_cost import IntervalImage
 from uw_recon_ros.match.kz2.energy import Labels
@@ -53,7 +53,7 @@ class Expansion:
         self.energy = 0
         self._min_disparity = min_disparity
         self._move = 0
-        self._scene = Scene(left, right, height, width, constants.denominator, constants.occlusion_cost)
+        self._scene = PreparedPair(left, right, height, width, constants.denominator, constants.occlusion_cost)
         self._graph = make_graph(height, width, constants)
         self._costs = Costs(np.zeros(height * width, np.int16), np.zeros(height * width, np.int16))
         self._flow = make_flow(height * width)
@@ -132,7 +132,7 @@ class Expansion:
 
 @kernel
 def _solve(
-    runs: NDArray[np.int32], part: Part, scene: Scene, costs: Costs, graph: Graph, flow: Flow, lists: Lists
+    runs: NDArray[np.int32], part: Part, scene: PreparedPair, costs: Costs, graph: Graph, flow: Flow, lists: Lists
 ) -> None:
     """All of a move that concerns one band alone."""
     prepare(runs, part, scene, costs, graph)

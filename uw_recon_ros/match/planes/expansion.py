@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uw_recon_ros.jit import kernel
-from uw_recon_ros.match.planes.min_cut import MOVE, Grid, clear, cut
+from uw_recon_ros.match.planes.min_cut import MOVE, GridGraph, clear, cut
 from uw_recon_ros.types import FloatImage
 
 Real = float | np.float32
@@ -94,7 +94,7 @@ def _assign(a: float, b: float, c: float, v: int, u: int, cost: float, state: La
 @kernel
 def expand(
     a: float, b: float, c: float, top: int, bottom: int, left: int, right: int, cost: FloatImage, state: Labelling,
-    grid: Grid,
+    grid: GridGraph,
 ) -> int:  # fmt: skip
     """Expand the plane (a, b, c) over a region, its data cost there given; returns the pixels that took it."""
     row = right - left + 2

@@ -34,7 +34,7 @@ from uw_recon_ros.match.planes.left_right_check import (
     remove_small_segments,
 )
 from uw_recon_ros.match.planes.motion import FrameBefore, move_planes
-from uw_recon_ros.match.planes.open_water import Water, open_water
+from uw_recon_ros.match.planes.open_water import OpenWater, open_water
 from uw_recon_ros.match.planes.proposals import BEFORE, FIT, NEAR, OWN, POINTS, SHAKEN, Sources
 from uw_recon_ros.match.planes.refinement import Pass, disparity_of, refine
 from uw_recon_ros.match.planes.start import Beginning, View, begin
@@ -251,7 +251,7 @@ def _result(
     disparity: FloatImage,
     start: Beginning,
     status: ByteImage,
-    water: Water,
+    water: OpenWater,
     limits: tuple[int, int],
     value: float,
     effort: str,

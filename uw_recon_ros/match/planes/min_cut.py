@@ -20,14 +20,14 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.jit import kernel
 
-MOVE = 1  #: what wants to move, in `Grid.tree`; 0: what need not
+MOVE = 1  #: what wants to move, in `GridGraph.tree`; 0: what need not
 _NEARBY = 10  # height up to which demand is passed on without a search
 _DEAD = 1 << 20  # height of a node from which no source is reached: more than any way is long
 _BLOCK = 256  # nodes whose demand is worked off before the next ones
 _PATIENCE = 0.5  # liftings a node until heights are searched anew; as much more every round
 
 
-class Grid(NamedTuple):
+class GridGraph(NamedTuple):
     """A graph of at most `capacity` nodes, and the memory of its search.
 
     Parameters
@@ -54,18 +54,18 @@ class Grid(NamedTuple):
     left: NDArray[np.int32]
 
 
-def make_grid(side: int) -> Grid:
+def make_grid(side: int) -> GridGraph:
     """Memory for regions of at most `side` x `side` pixels."""
     n = (side + 2) * (side + 2)
     arcs, excess, height, queue, left = (np.zeros(size, np.int32) for size in (8 * n, n, n, n + 1, n))
-    return Grid(arcs, excess, np.zeros(n, np.int8), height, queue, left)
+    return GridGraph(arcs, excess, np.zeros(n, np.int8), height, queue, left)
 
 
 _HEAD, _TAIL, _LEFT, _STEPS = 0, 1, 2, 3  # of the queue, in `state`; number of nodes left, and of steps made
 
 
 @kernel(allocates=False)
-def clear(grid: Grid, nodes: int) -> None:
+def clear(grid: GridGraph, nodes: int) -> None:
     """No arcs, no excess."""
     for i in range(8 * nodes):
         grid.arcs[index(i)] = 0
@@ -81,7 +81,7 @@ def _offset(direction: int, row: int) -> int:
 
 
 @kernel
-def cut(grid: Grid, nodes: int, row: int, most: int) -> bool:
+def cut(grid: GridGraph, nodes: int, row: int, most: int) -> bool:
     """Find a minimum cut of a padded grid of `nodes` nodes, `row` nodes a row; its sink side is in ``grid.tree``.
 
     Returns False, and no cut, where `most` steps (looks at all arcs of a node to pass its demand on) did not do.
@@ -102,7 +102,7 @@ def cut(grid: Grid, nodes: int, row: int, most: int) -> bool:
 
 
 @kernel(allocates=False)
-def _pass_nearby(grid: Grid, nodes: int, row: int, state: NDArray[np.int64]) -> None:
+def _pass_nearby(grid: GridGraph, nodes: int, row: int, state: NDArray[np.int64]) -> None:
     for i in range(nodes):
         grid.tree[index(i)] = 0
         grid.height[index(i)] = 1 if grid.excess[index(i)] > 0 else 2
@@ -115,7 +115,7 @@ def _pass_nearby(grid: Grid, nodes: int, row: int, state: NDArray[np.int64]) -> 
 
 
 @kernel(allocates=False, inline=True)
-def _first(grid: Grid, state: NDArray[np.int64]) -> int:
+def _first(grid: GridGraph, state: NDArray[np.int64]) -> int:
     """Take it from the ring."""
     place = state[_HEAD]
     state[_HEAD] = place + 1 if place + 1 < grid.queue.size else 0
@@ -123,21 +123,21 @@ def _first(grid: Grid, state: NDArray[np.int64]) -> int:
 
 
 @kernel(allocates=False, inline=True)
-def _enqueue(i: int, grid: Grid, state: NDArray[np.int64]) -> None:
+def _enqueue(i: int, grid: GridGraph, state: NDArray[np.int64]) -> None:
     place = state[_TAIL]
     grid.queue[index(place)] = i
     state[_TAIL] = place + 1 if place + 1 < grid.queue.size else 0
 
 
 @kernel(allocates=False, inline=True)
-def _leave(i: int, grid: Grid, state: NDArray[np.int64]) -> None:
+def _leave(i: int, grid: GridGraph, state: NDArray[np.int64]) -> None:
     """Note a node that keeps its demand for now."""
     grid.left[index(state[_LEFT])] = i
     state[_LEFT] += 1
 
 
 @kernel(allocates=False)
-def _discharge(i: int, ceiling: int, grid: Grid, nodes: int, row: int, state: NDArray[np.int64]) -> int:
+def _discharge(i: int, ceiling: int, grid: GridGraph, nodes: int, row: int, state: NDArray[np.int64]) -> int:
     """Pass on the demand of i, lifting it as needed, until it is gone or i above the ceiling; return the liftings."""
     wanted, height, lifts = -int(grid.excess[index(i)]), int(grid.height[index(i)]), 0
     state[_STEPS] += 1
@@ -159,7 +159,7 @@ def _discharge(i: int, ceiling: int, grid: Grid, nodes: int, row: int, state: ND
 
 @kernel(allocates=False, inline=True)
 def _pass_along(
-    i: int, direction: int, wanted: int, height: int, lowest: int, grid: Grid, nodes: int, row: int,
+    i: int, direction: int, wanted: int, height: int, lowest: int, grid: GridGraph, nodes: int, row: int,
     state: NDArray[np.int64],
 ) -> tuple[int, int]:  # fmt: skip
     """Ask a neighbour that lies lower; return the demand that remains, and the lowest neighbour yet that is higher."""
@@ -182,7 +182,7 @@ def _pass_along(
 
 
 @kernel(allocates=False)
-def _measure_heights(grid: Grid, nodes: int, row: int) -> None:
+def _measure_heights(grid: GridGraph, nodes: int, row: int) -> None:
     """True heights, by a search from the sources."""
     for i in range(nodes):
         grid.height[index(i)] = 1 if grid.excess[index(i)] > 0 else _DEAD
@@ -205,7 +205,7 @@ def _measure_heights(grid: Grid, nodes: int, row: int) -> None:
 
 
 @kernel(allocates=False, inline=True)
-def _beside_source(i: int, grid: Grid, nodes: int, row: int) -> bool:
+def _beside_source(i: int, grid: GridGraph, nodes: int, row: int) -> bool:
     for direction in range(8):
         j = i + _offset(direction, row)
         if grid.height[index(j)] == 1 and grid.arcs[index(((direction + 4) & 7) * nodes + j)] > 0:
@@ -214,7 +214,7 @@ def _beside_source(i: int, grid: Grid, nodes: int, row: int) -> bool:
 
 
 @kernel(allocates=False)
-def _resume(grid: Grid, state: NDArray[np.int64]) -> bool:
+def _resume(grid: GridGraph, state: NDArray[np.int64]) -> bool:
     """Put the nodes left that reach a source into the queue; whether there are any."""
     count = state[_LEFT]
     state[_HEAD] = state[_TAIL] = state[_LEFT] = 0
@@ -228,7 +228,7 @@ def _resume(grid: Grid, state: NDArray[np.int64]) -> bool:
 
 
 @kernel(allocates=False)
-def _pass_far(patience: int, grid: Grid, nodes: int, row: int, state: NDArray[np.int64]) -> None:
+def _pass_far(patience: int, grid: GridGraph, nodes: int, row: int, state: NDArray[np.int64]) -> None:
     """Discharge what is in the queue; stop after `patience` liftings: heights have grown stale."""
     while state[_HEAD] != state[_TAIL] and patience >= 0:
         patience -= _discharge(_first(grid, state), _DEAD - 1, grid, nodes, row, state)
@@ -237,7 +237,7 @@ def _pass_far(patience: int, grid: Grid, nodes: int, row: int, state: NDArray[np
 
 
 @kernel(allocates=False)
-def _mark(grid: Grid, nodes: int, row: int, state: NDArray[np.int64]) -> None:
+def _mark(grid: GridGraph, nodes: int, row: int, state: NDArray[np.int64]) -> None:
     """Mark all that has a way to a node with demand."""
     size = 0
     for n in range(state[_LEFT]):

@@ -33,7 +33,7 @@ NEAR_PX = 1.0  #: from the median around
 MURKY, REACH, ROUNDS = 0.4, 41, 3  #: share of water within this window that makes what is of many pieces water, too
 
 
-class Water(NamedTuple):
+class OpenWater(NamedTuple):
     """What `open_water` tells, (H, W) bool each.
 
     Parameters
@@ -48,7 +48,7 @@ class Water(NamedTuple):
     faint: Mask
 
 
-def open_water(left: ByteImage, right: ByteImage, start: FloatImage, agreed: Mask) -> Water:
+def open_water(left: ByteImage, right: ByteImage, start: FloatImage, agreed: Mask) -> OpenWater:
     """Tell water from surfaces; of images too small to judge nothing is said.
 
     Parameters
@@ -61,7 +61,7 @@ def open_water(left: ByteImage, right: ByteImage, start: FloatImage, agreed: Mas
         Where both views agree about it.
     """
     if min(left.shape[:2]) < AROUND:
-        return Water(*np.zeros((2, *left.shape[:2]), np.bool_))
+        return OpenWater(*np.zeros((2, *left.shape[:2]), np.bool_))
     views = mix(left, 0), mix(right, 0)
     variance, noise = _texture_and_noise(*views, start)
     enough = np.interp(noise / noise_floor(*views), SMOOTH, OF_ONE_PIECE)
@@ -71,7 +71,7 @@ def open_water(left: ByteImage, right: ByteImage, start: FloatImage, agreed: Mas
     for _ in range(ROUNDS if water.any() else 0):
         around = cv2.blur(water.astype(np.float32), (REACH, REACH), borderType=cv2.BORDER_REPLICATE)
         water |= scattered & (around > MURKY)
-    return Water(water, faint)
+    return OpenWater(water, faint)
 
 
 def _share_of_one_piece(start: FloatImage, agreed: Mask) -> FloatImage:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from uw_recon_ros.jit import kernel
 from uw_recon_ros.match.planes.data_cost import CostData, Workspace, make_workspace, plane_cost
 from uw_recon_ros.match.planes.expansion import Labelling, expand, possible_gain, take_cheaper
-from uw_recon_ros.match.planes.min_cut import Grid, make_grid
+from uw_recon_ros.match.planes.min_cut import GridGraph, make_grid
 from uw_recon_ros.match.planes.proposals import Sources, disparities, propose, seed_random
 from uw_recon_ros.match.planes.threads import run_parallel
 from uw_recon_ros.types import FloatImage, Mask
@@ -66,7 +66,7 @@ def run_tiles(
     view: CostData,
     state: Labelling,
     work: Workspace,
-    grid: Grid,
+    grid: GridGraph,
 ) -> None:
     """Try planes in some tiles, one after the other."""
     height, width = state.costs.shape

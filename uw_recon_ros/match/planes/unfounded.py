@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_recon_ros.match.planes.open_water import Water
+from uw_recon_ros.match.planes.open_water import OpenWater
 from uw_recon_ros.pieces import label_pieces
 from uw_recon_ros.types import FloatImage, Mask
 
@@ -29,14 +29,14 @@ MOSTLY = 0.5  #: share of a piece that is faint, or at an end
 END_PX, END = 1.0, 0.05  #: from the least or greatest disparity searched, and at most this part of them
 
 
-def unfounded(disparity: FloatImage, confidence: FloatImage, water: Water, limits: tuple[float, float]) -> Mask:
+def unfounded(disparity: FloatImage, confidence: FloatImage, water: OpenWater, limits: tuple[float, float]) -> Mask:
     """Pixels with a disparity, (H, W) bool, that belong to such pieces.
 
     Parameters
     ----------
     disparity, confidence : (H, W) float32
         px, and 0 to 1; NaN = none.
-    water : Water
+    water : OpenWater
         Of `open_water`.
     limits : (float, float)
         Least and greatest disparity searched, px.

@@ -14,7 +14,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from uw_recon_ros.doctor.observation import ClockSight, GraphNode, Observation, Status, Surroundings, Topic
+from uw_recon_ros.doctor.observation import ClockSight, GraphNode, NodeStatus, Observation, ObservedTopic, Surroundings
 from uw_recon_ros.doctor.suggestions import actual_names
 from uw_recon_ros.doctor.topic_graph import LISTENED, METRIC_CLOUD, NODES, TYPES
 from uw_recon_ros.doctor.topic_graph import UNSCALED_CLOUD as UNSCALED
@@ -50,7 +50,7 @@ class Probe(Node):  # type: ignore[misc]
         self._recorders: dict[str, Recorder] = {}
         self._subscriptions_kept: dict[str, Any] = {}
         self._asked: dict[str, Asked] = {}
-        self._statuses: dict[str, list[Status]] = {}
+        self._statuses: dict[str, list[NodeStatus]] = {}
         self._ticks: list[int] = []
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 100)
         self.create_subscription(ClockMessage, "/clock", self._on_clock, profile(depth=1, reliable=False))
@@ -126,27 +126,29 @@ class Probe(Node):  # type: ignore[misc]
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             values = {pair.key: pair.value for pair in status.values}
-            self._statuses.setdefault(status.name, []).append(Status(status.level[0], status.message, values))
+            self._statuses.setdefault(status.name, []).append(NodeStatus(status.level[0], status.message, values))
 
     def _on_clock(self, message: ClockMessage) -> None:
         self._ticks.append(message.clock.sec * 1_000_000_000 + message.clock.nanosec)
 
-    def _topic(self, relative: str, name: str) -> Topic:
+    def _topic(self, relative: str, name: str) -> ObservedTopic:
         seen = self._ends(name)
         recorder = self._recorders.get(relative)
         return (
-            Topic(seen.name, seen.publishers, seen.subscribers, recorder.arrivals(self.seconds)) if recorder else seen
+            ObservedTopic(seen.name, seen.publishers, seen.subscribers, recorder.arrivals(self.seconds))
+            if recorder
+            else seen
         )
 
-    def _ends(self, name: str) -> Topic:
+    def _ends(self, name: str) -> ObservedTopic:
         """Both ends of a topic, ours left out."""
         publishers, subscribers = (
             tuple(end for end in map(endpoint, infos) if not end.node.endswith(f"/{NAME}"))
             for infos in (self.get_publishers_info_by_topic(name), self.get_subscriptions_info_by_topic(name))
         )
-        return Topic(name, publishers, subscribers)
+        return ObservedTopic(name, publishers, subscribers)
 
-    def _others(self) -> tuple[Topic, ...]:
+    def _others(self) -> tuple[ObservedTopic, ...]:
         wanted, ours = {IMAGE, COMPRESSED_IMAGE, CAMERA_INFO, POINT_CLOUD}, set(self._resolved.values())
         names = [name for name, types in self.get_topic_names_and_types() if name not in ours and wanted & set(types)]
         return tuple(self._ends(name) for name in names)

@@ -8,7 +8,7 @@ from uw_recon_ros.errors import EstimationError
 from uw_recon_ros.findings import Code, Finding, Severity
 from uw_recon_ros.images import to_gray
 from uw_recon_ros.rectify.params import RectifyParams
-from uw_recon_ros.rectify.rows import not_checked
+from uw_recon_ros.rectify.row_error import not_checked
 from uw_recon_ros.rectify.tie_points import find_tie_points
 from uw_recon_ros.types import ByteImage, EnhancedPair
 

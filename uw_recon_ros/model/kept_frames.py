@@ -17,7 +17,7 @@ from uw_recon_ros.trajectory import DisparityFrame
 from uw_recon_ros.types import Matrix
 
 
-class Shelf:
+class KeptFrames:
     """Kept frames in the order of time; of one scale.
 
     Parameters

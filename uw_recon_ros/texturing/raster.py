@@ -14,7 +14,7 @@ from uw_recon_ros.types import FloatImage, Matrix
 
 
 @dataclass(frozen=True)
-class Grid:
+class MapGrid:
     """Cells of a map, north up.
 
     Parameters
@@ -68,7 +68,7 @@ def _look_down(
                     heights[row, column] = z
 
 
-def heights_of(vertices: Matrix, faces: NDArray[np.int32], grid: Grid) -> FloatImage:
+def heights_of(vertices: Matrix, faces: NDArray[np.int32], grid: MapGrid) -> FloatImage:
     """(rows, columns) height of the uppermost surface over each cell's centre, m; NaN: none."""
     heights = np.full((grid.rows, grid.columns), np.nan, np.float32)
     _look_down(vertices, faces, grid.west, grid.north, grid.cell, heights)

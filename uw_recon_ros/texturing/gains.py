@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
-from uw_recon_ros.drape.sight import in_sight
 from uw_recon_ros.fuse.frame import View
+from uw_recon_ros.texturing.visibility import in_sight
 from uw_recon_ros.types import ByteImage, Matrix
 
 #: Of a pixel, across the picture from -1 to 1: x, y, x^2, x y, y^2, r^4.
@@ -33,7 +33,7 @@ _NOISE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class GainSample:
     """What pictures show of places.
 
     Parameters
@@ -78,17 +78,17 @@ def field_terms(u: Matrix, v: Matrix, width: int, height: int) -> Matrix:
     return np.stack([x, y, x * x, x * y, y * y, (x * x + y * y) ** 2], axis=1)
 
 
-def look_at(points: Matrix, frame: int, view: View, left: ByteImage, tolerance: float) -> Seen:
+def look_at(points: Matrix, frame: int, view: View, left: ByteImage, tolerance: float) -> GainSample:
     """What one picture shows of places (P, 3), of those in its view."""
     which, u, v = in_sight(points, view, tolerance)
     smooth = cv2.blur(left, (_BLUR_PX, _BLUR_PX))[np.rint(v).astype(int), np.rint(u).astype(int)].astype(np.float64)
     good = ((smooth > _DARK) & (smooth < _BRIGHT)).all(axis=1)
     rows, columns = left.shape[:2]
     terms = field_terms(u[good], v[good], columns, rows)
-    return Seen(which[good], np.full(int(good.sum()), frame, np.int64), np.log(smooth[good]), terms)
+    return GainSample(which[good], np.full(int(good.sum()), frame, np.int64), np.log(smooth[good]), terms)
 
 
-def balance_frames(seen: list[Seen], places: int, frames: int) -> Balance:
+def balance_frames(seen: list[GainSample], places: int, frames: int) -> Balance:
     """Solve for all frames together.
 
     Parameters

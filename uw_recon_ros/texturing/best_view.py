@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_recon_ros.drape.gains import Balance
 from uw_recon_ros.fuse.frame import View
 from uw_recon_ros.jit import kernel
+from uw_recon_ros.texturing.gains import Balance
 from uw_recon_ros.types import ByteImage, FloatImage, Matrix
 
 _UNCONFIRMED = 0.3  # of the score, where the picture has no depth to confirm the place

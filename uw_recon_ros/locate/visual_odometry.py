@@ -31,7 +31,7 @@ class Link:
 
 
 @dataclass(eq=False)
-class Walk:
+class VisualOdometry:
     """What is kept of all frames.
 
     Parameters
@@ -69,7 +69,7 @@ class Walker:
 
     def __init__(self, params: TrackParams) -> None:
         self.params = params
-        self.walk = Walk()
+        self.walk = VisualOdometry()
         self._before: deque[_Seen] = deque(maxlen=_BEFORE)
         self._inliers: deque[int] = deque(maxlen=10)
         self._velocity: Matrix | None = None  # motion a frame, where it is known
@@ -133,7 +133,7 @@ class Walker:
 
 def walk_frames(
     frames: Iterable[DisparityFrame], params: TrackParams, priors: Iterator[Matrix | None] | None = None
-) -> Walk:
+) -> VisualOdometry:
     """Join all frames."""
     walker = Walker(params)
     for frame in frames:

@@ -10,7 +10,7 @@ from uw_recon_ros.errors import ImageError
 from uw_recon_ros.findings import Finding
 from uw_recon_ros.image_pair import as_pair
 from uw_recon_ros.preprocess.regions import find_regions
-from uw_recon_ros.rectify.given import doubts
+from uw_recon_ros.rectify.check_rectified import doubts
 from uw_recon_ros.types import MatchingPair, RawImage, StereoCalibration, StereoPair
 from uw_recon_ros.unseen import blackened
 

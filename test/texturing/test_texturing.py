@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from helpers.surface_scenes import Ground, fused, looking_down, paint, photo, taken
 
-from uw_recon_ros.drape.best_view import BestViews, sharpness_of
-from uw_recon_ros.drape.gains import Balance, balance_frames, field_terms, look_at, unbalanced
-from uw_recon_ros.drape.raster import Grid, heights_of, normals_of, terrain_of
-from uw_recon_ros.drape.sight import in_sight
-from uw_recon_ros.drape.simplify import grown, make_atlas, simplified, texels_of, vertex_normals
 from uw_recon_ros.fuse.frame import PosedFrame, view_of
+from uw_recon_ros.texturing.best_view import BestViews, sharpness_of
+from uw_recon_ros.texturing.gains import Balance, balance_frames, field_terms, look_at, unbalanced
+from uw_recon_ros.texturing.raster import MapGrid, heights_of, normals_of, terrain_of
+from uw_recon_ros.texturing.simplify import grown, make_atlas, simplified, texels_of, vertex_normals
+from uw_recon_ros.texturing.visibility import in_sight
 from uw_recon_ros.types import Matrix
 
 BALL = Ground(((np.array([0.0, 0.0, 0.1]), 0.1),))
@@ -135,7 +135,7 @@ def test_sharpness_tells_smeared_pictures() -> None:
 def test_heights_of_a_tilted_plane() -> None:
     corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
     vertices = np.c_[corners, 0.3 * corners[:, 0] - 0.2 * corners[:, 1] + 5]
-    grid = Grid(-0.6, 0.8, 0.1, 30, 12)
+    grid = MapGrid(-0.6, 0.8, 0.1, 30, 12)
     heights = heights_of(vertices, np.array([[0, 1, 2], [0, 2, 3]], np.int32), grid)
     x, y = np.meshgrid(*grid.centres())
     inside = (np.abs(x) < 1) & (np.abs(y) < 1)
@@ -155,7 +155,7 @@ def test_the_uppermost_surface_is_mapped() -> None:
     vertices = np.concatenate([square + np.array([0, 0, 2]), square])
     faces = np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]], np.int32)
     for order in (faces, faces[::-1].copy()):
-        assert (heights_of(vertices, order, Grid(0, 1, 0.1, 10, 10)) == 2).all()
+        assert (heights_of(vertices, order, MapGrid(0, 1, 0.1, 10, 10)) == 2).all()
 
 
 @pytest.fixture(scope="module")
