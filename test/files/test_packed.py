@@ -11,7 +11,7 @@ import pytest
 
 from uw_recon_ros.files.packed import pack, unpack
 from uw_recon_ros.findings import Code, Finding, Severity
-from uw_recon_ros.types import RectificationQuality, Window
+from uw_recon_ros.types import CalibrationOrigin, RectificationQuality, Window
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,7 +35,7 @@ def test_everything_comes_back_bit_for_bit() -> None:
         -1,
         math.inf,
     )
-    quality = unpack(pack(RectificationQuality("given")), [RectificationQuality])
+    quality = unpack(pack(RectificationQuality("given")), [RectificationQuality, CalibrationOrigin])
     assert math.isnan(quality.row_error_median_px)
 
 

@@ -33,6 +33,7 @@ from uw_recon_ros.doctor.diagnose import Diagnosis, diagnose
 from uw_recon_ros.doctor.text import as_table
 from uw_recon_ros.doctor.topic_graph import LISTENED, PIPELINE, STAGES, TYPES
 from uw_recon_ros.nodes import (
+    calibrate_node,
     disparity_node,
     model_node,
     odometry_node,
@@ -136,7 +137,8 @@ def test_the_chain_is_the_nodes() -> None:
         declared |= outputs
     for wanted in pipeline_node.INPUTS:
         declared |= {topic.name: topic.type for topic in wanted.alternatives}
-    declared |= {output.topic: output.type for output in (*odometry_node.OUTPUTS, *model_node.OUTPUTS)}
+    for module in (odometry_node, model_node, calibrate_node):
+        declared |= {output.topic: output.type for output in module.OUTPUTS}
     for topic, kind in TYPES.items():
         package, _, name = kind.split("/")
         assert declared[topic].__name__ == name

@@ -26,6 +26,7 @@ from uw_recon_ros.recordings.pair_index import Frame, Place, Rigs, StampPairer
 from uw_recon_ros.recordings.read import Reader
 from uw_recon_ros.recordings.sources import Source, find_sources, open_source
 from uw_recon_ros.recordings.verdict import judge, judge_infos, judge_rig
+from uw_recon_ros.recordings.video import Video
 from uw_recon_ros.types import RawImage, StereoCalibration
 
 _PROBED = 5  # frames of a video that are decoded
@@ -215,6 +216,9 @@ class _Looked:
 def _of_files(
     source: Source, options: Options, given: StereoCalibration | None, images_rectified: str
 ) -> RecordingInfo:
+    if source.kind == "video":
+        for path in filter(None, (source.path, source.other)):
+            Video(path).close()  # what cannot be opened is refused, as a bag is
     try:
         listing = list_frames([source], options, given, images_rectified)
     except ReconError as error:

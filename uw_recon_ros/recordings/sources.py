@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -119,9 +120,9 @@ def is_video(path: Path) -> bool:
 
 def is_bag(path: Path) -> bool:
     """Whether a path is a bag, by the names of its files."""
-    if path.is_dir():
+    if os.path.isdir(path):  # pathlib's asks louder: a name that is too long raises
         return (path / "metadata.yaml").is_file() or any(f.name.endswith(_BAGS[:-1]) for f in path.iterdir())
-    return path.is_file() and path.name.endswith(_BAGS)
+    return path.name.endswith(_BAGS) and os.path.isfile(path)
 
 
 def video_source(left: Path, right: Path | None = None) -> Source:

@@ -288,23 +288,33 @@ class DaskExecutor:
         in_flight: dict[Any, T] = {}
         fresh = iter(tasks)
         finished = as_completed(loop=self._client.loop)
-        self._fill(work, fresh, in_flight, finished)
-        while in_flight:
-            future = next(finished)
-            task = in_flight.pop(future)
-            try:
-                result: R | Lost = future.result()
-            except CancelledError as error:
-                raise SurveyError(
-                    f"--dask {self._address}: the scheduler is gone; the same command resumes there"
-                ) from error
-            except KilledWorker as error:
-                result = Lost(
-                    f"its Dask worker died too often ({error.last_worker.address if error.last_worker else ''})"
-                )
-            future.release()
+        with self._scheduler():
             self._fill(work, fresh, in_flight, finished)
+        while in_flight:
+            with self._scheduler():
+                future = next(finished)
+                task = in_flight.pop(future)
+                try:
+                    result: R | Lost = future.result()
+                except KilledWorker as error:
+                    result = Lost(
+                        f"its Dask worker died too often ({error.last_worker.address if error.last_worker else ''})"
+                    )
+                future.release()
+                self._fill(work, fresh, in_flight, finished)
             yield task, result
+
+    @contextmanager
+    def _scheduler(self) -> Iterator[None]:
+        """Whatever a scheduler's end breaks, a task or a question to it, is told as that."""
+        from distributed.comm import CommClosedError
+
+        try:
+            yield
+        except (CancelledError, CommClosedError) as error:
+            raise SurveyError(
+                f"--dask {self._address}: the scheduler is gone; the same command resumes there"
+            ) from error
 
     def _fill(self, work: Callable[[T], R], fresh: Iterator[T], in_flight: dict[Any, T], finished: Any) -> None:
         """Keep every thread of the cluster busy, as it is now: workers come and go."""
