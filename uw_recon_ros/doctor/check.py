@@ -1,4 +1,4 @@
-"""One thing found, and how bad it is."""
+"""One thing found, and its severity."""
 
 from __future__ import annotations
 

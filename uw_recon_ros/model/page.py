@@ -72,7 +72,7 @@ def unit_of(way: Trajectory) -> str:
 def _summary(way: Trajectory, parts: Sequence[SegmentPart], made: dict[str, Any]) -> Summary:
     unit, first = unit_of(way), parts[0].entry
     facts = [("Frames in it", f"{sum(part.entry['frames'] for part in parts)} of {len(way)}"),
-             ("Way", f"{path_length(way):.4g} {unit}")]  # fmt: skip
+             ("Track length", f"{path_length(way):.4g} {unit}")]  # fmt: skip
     if parts[0].composed is not None:
         facts += [
             ("Area seen from above", f"{first['area']:.3g} {unit}\u00b2"),
@@ -159,7 +159,7 @@ def _light(heights: FloatImage, pixel: float) -> FloatImage:
 def _wrong(made: dict[str, Any]) -> Section:
     rows = [(_sentence(w["text"]), w["severity"], w["code"]) for w in made["warnings"]]
     text = "" if rows else "Nothing that is known of."
-    header = ("what, and what to do", "how bad", "code") if rows else ()
+    header = ("what, and what to do", "severity", "code") if rows else ()
     return Section("What went wrong", text, rows=rows, header=header)
 
 

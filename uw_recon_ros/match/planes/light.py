@@ -17,7 +17,7 @@ from uw_recon_ros.types import ByteImage, FloatImage
 SHRINK = 4  #: the views that this is measured on are smaller by it
 SMOOTHING = 0.1  #: standard deviation, part of the image's width
 MOST = 40.0  #: a larger difference of a pixel is taken for this, gray levels
-_LEAST_WEIGHT = 1e-3
+PRIOR = 0.1  #: where this share of the pixels tells anything, half of what they tell is believed
 
 
 def brightness_between(left: ByteImage, right: ByteImage, start: Start) -> FloatImage:
@@ -32,7 +32,7 @@ def brightness_between(left: ByteImage, right: ByteImage, start: Start) -> Float
     Returns
     -------
     (H, W, C) float32
-        0 where nothing tells.
+        0 where nothing tells, and less than measured where little does.
     """
     height, width = left.shape[:2]
     v, u = np.nonzero(np.isfinite(start.right))
@@ -43,7 +43,8 @@ def brightness_between(left: ByteImage, right: ByteImage, start: Start) -> Float
     brighter[v, u] = (left[v, there].astype(np.float32) - right[v, u]).clip(-MOST, MOST)
     known[v, u] = 1
     sums, weight = (cv2.GaussianBlur(image, (0, 0), SMOOTHING * width) for image in (brighter, known))
-    return np.asarray(sums.reshape(left.shape) / np.maximum(weight, _LEAST_WEIGHT)[..., None], np.float32)
+    believed = weight / (weight**2 + PRIOR**2)
+    return np.asarray(sums.reshape(left.shape) * believed[..., None], np.float32)
 
 
 def brightened(planes: ByteImage, by: FloatImage) -> ByteImage:
