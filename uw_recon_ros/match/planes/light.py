@@ -17,7 +17,7 @@ from uw_recon_ros.types import ByteImage, FloatImage
 SHRINK = 4  #: the views that this is measured on are smaller by it
 SMOOTHING = 0.1  #: standard deviation, part of the image's width
 MOST = 40.0  #: a larger difference of a pixel is taken for this, gray levels
-PRIOR = 0.1  #: where this share of the pixels tells anything, half of what they tell is believed
+PRIOR = 0.05  #: where this share of the pixels tells anything, half of what they tell is believed
 
 
 def brightness_between(left: ByteImage, right: ByteImage, start: Start) -> FloatImage:
