@@ -62,5 +62,10 @@ class KeptFrames:
 
     def posed(self, k: int, pose: Matrix, error: RigError) -> PosedFrame:
         """A frame as it is fused, the rig's error corrected."""
-        fx, fy, cx, cy, fb, offset = constants(self.read(k).geometry, error)
-        return posed_frame(self.read(k), pose, np.array([fx, fy, cx, cy]), fb, offset)
+        return placed(self.read(k), pose, error)
+
+
+def placed(frame: DisparityFrame, pose: Matrix, error: RigError | None = None) -> PosedFrame:
+    """A frame as it is fused at `pose`, (4, 4) world <- left rectified view, the rig's error corrected."""
+    fx, fy, cx, cy, fb, offset = constants(frame.geometry, error or RigError())
+    return posed_frame(frame, pose, np.array([fx, fy, cx, cy]), fb, offset)

@@ -9,27 +9,25 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from uw_recon_ros import __version__
 from uw_recon_ros.errors import ModelError
 from uw_recon_ros.files.atomic import write_json
 from uw_recon_ros.files.trajectories import write_tum
 from uw_recon_ros.findings import Code
-from uw_recon_ros.fuse.frame import PosedFrame, posed_frame
+from uw_recon_ros.fuse.frame import PosedFrame
 from uw_recon_ros.model.compose import compose
+from uw_recon_ros.model.kept_frames import placed
 from uw_recon_ros.model.params import DiveModelParams
 from uw_recon_ros.model.work import TileTask, World
 from uw_recon_ros.survey.kept_frame import read_kept, write_kept
 from uw_recon_ros.system_errors import explain
-from uw_recon_ros.track.keypoints import RigError, constants
 from uw_recon_ros.trajectory import DisparityFrame, PoseStatus, trajectory_of
 from uw_recon_ros.types import Matrix
 
 _PARTIAL = ".part"
 
 
-class KeptFrames:
+class KeyFrameFolder:
     """Key frames in a folder of their own, which goes when they are no longer needed."""
 
     def __init__(self) -> None:
@@ -64,9 +62,7 @@ class _Posed(Sequence[PosedFrame]):
         return len(self.paths)
 
     def __getitem__(self, index: Any) -> Any:
-        frame = read_kept(self.paths[index])
-        fx, fy, cx, cy, fb, offset = constants(frame.geometry, RigError())
-        return posed_frame(frame, self.poses[index], np.array([fx, fy, cx, cy]), fb, offset)
+        return placed(read_kept(self.paths[index]), self.poses[index])
 
 
 def expect_room(folder: str | Path) -> None:

@@ -31,11 +31,11 @@ from std_srvs.srv import Trigger
 from uw_recon_ros import rigid
 from uw_recon_ros.errors import EstimationError, ReconError
 from uw_recon_ros.findings import Code
-from uw_recon_ros.fuse.frame import posed_frame
 from uw_recon_ros.live.model import LiveModel
 from uw_recon_ros.live.params import LiveModelParams
 from uw_recon_ros.live.submap import warm_up
-from uw_recon_ros.model.live import KeptFrames, expect_room, save_model
+from uw_recon_ros.model.kept_frames import placed
+from uw_recon_ros.model.live import KeyFrameFolder, expect_room, save_model
 from uw_recon_ros.mount import MountParams
 from uw_recon_ros.node_params import CloudParams, DisparityMessageParams, ModelNodeParams
 from uw_recon_ros.ros.declarations import Input, input_topic, outputs_of
@@ -47,7 +47,6 @@ from uw_recon_ros.ros.outputs import Outputs
 from uw_recon_ros.ros.parameters import ParameterSet
 from uw_recon_ros.ros.process import run
 from uw_recon_ros.ros.transforms import TF, send_transform
-from uw_recon_ros.track.keypoints import RigError, constants
 from uw_recon_ros.trajectory import DisparityFrame
 from uw_recon_ros.types import Matrix
 
@@ -60,7 +59,7 @@ class Dive:
     """What is remembered from frame to frame."""
 
     model: LiveModel
-    kept: KeptFrames | None
+    kept: KeyFrameFolder | None
     last_ns: int = -1
     on_disk: list[bool] = field(default_factory=list)
 
@@ -141,8 +140,7 @@ class ModelNode(StageNode[ModelStage]):
         return dive
 
     def _add(self, stage: ModelStage, dive: Dive, frame: DisparityFrame, pose: Matrix, covariance: Matrix) -> bool:
-        fx, fy, cx, cy, fb, offset = constants(frame.geometry, RigError())
-        posed = posed_frame(frame, pose, np.array([fx, fy, cx, cy]), fb, offset)
+        posed = placed(frame, pose)
         with self._lock:
             closed = dive.model.add(frame, posed, covariance)
             dive.on_disk.append(self._keep(stage, dive, frame))
@@ -153,7 +151,7 @@ class ModelNode(StageNode[ModelStage]):
         if not stage.params[ModelNodeParams].model_folder:
             return False
         try:
-            dive.kept = dive.kept or KeptFrames()
+            dive.kept = dive.kept or KeyFrameFolder()
             dive.kept.add(frame)
         except OSError as error:
             self.diagnostics.problem("keep", f"key frames cannot be kept for ~/save: {error}")

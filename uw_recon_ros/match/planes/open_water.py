@@ -63,8 +63,9 @@ def open_water(left: ByteImage, right: ByteImage, start: FloatImage, agreed: Mas
     if min(left.shape[:2]) < AROUND:
         return OpenWater(*np.zeros((2, *left.shape[:2]), np.bool_))
     views = mix(left, 0), mix(right, 0)
-    variance, noise = _texture_and_noise(*views, start)
-    enough = np.interp(noise / noise_floor(*views), SMOOTH, OF_ONE_PIECE)
+    floor = noise_floor(*views)
+    variance, noise = _texture_and_noise(*views, start, floor)
+    enough = np.interp(noise / floor, SMOOTH, OF_ONE_PIECE)
     scattered = _share_of_one_piece(start, agreed) < enough
     faint = ~grown_from(variance / np.float32(noise), *FAINT)
     water = scattered & faint
@@ -82,7 +83,9 @@ def _share_of_one_piece(start: FloatImage, agreed: Mask) -> FloatImage:
     return np.asarray(cv2.blur(near.astype(np.float32), (AROUND, AROUND)), np.float32)
 
 
-def _texture_and_noise(left: FloatImage, right: FloatImage, start: FloatImage) -> tuple[FloatImage, float]:
+def _texture_and_noise(
+    left: FloatImage, right: FloatImage, start: FloatImage, floor: float
+) -> tuple[FloatImage, float]:
     """Variance of the left view's derivative around each pixel, and what of it is unexplained where it is least."""
     height, width = left.shape
     v, u = np.indices((height, width), dtype=np.float32)
@@ -91,5 +94,4 @@ def _texture_and_noise(left: FloatImage, right: FloatImage, start: FloatImage) -
     variance = local_variance(mine)
     unexplained = local_variance(np.asarray(mine - theirs, np.float32)) / 2
     least = variance <= np.quantile(variance, LEAST)
-    floor = noise_floor(left, right)
     return variance, min(max(float(np.median(unexplained[least])), floor), MOST * floor)

@@ -56,8 +56,10 @@ def noise_floor(left: FloatImage, right: FloatImage) -> float:
 
 def grown_from(rise: FloatImage, low: float, high: float) -> Mask:
     """Patches over `low` that somewhere reach `high`, and what lies within `CARRY` of them."""
-    _, patches = cv2.connectedComponents((rise > low).astype(np.uint8))
-    textured = np.isin(patches, np.unique(patches[rise > high]))
+    count, patches = cv2.connectedComponents((rise > low).astype(np.uint8))
+    reach = np.zeros(count, np.bool_)
+    reach[patches[rise > high]] = True
+    textured = reach[patches]
     side = 2 * CARRY + 1
     carried = cv2.dilate(textured.astype(np.uint8), np.ones((side, side), np.uint8), borderType=cv2.BORDER_REPLICATE)
     return np.asarray(carried > 0)
