@@ -124,6 +124,8 @@ def _live(args: argparse.Namespace) -> int:
     if args.input or args.air:
         raise UsageError("--live: expected no input and no --air: pictures come from the topics")
 
+    from uw_recon_ros.files.atomic import is_taken
+
     try:
         from uw_recon_ros.nodes.calibrate_node import main
     except ImportError as error:
@@ -138,7 +140,7 @@ def _live(args: argparse.Namespace) -> int:
     words = [word for name, value in told.items() if value != "" for word in ("-p", f"{name}:={value}")]
     for side, topic in (("left", args.left_topic), ("right", args.right_topic)):
         words += ["-r", f"{side}/image_raw:={topic}", "-r", f"{side}/image_raw/compressed:={topic}/compressed"]
-    if Path(args.output).exists() and any(Path(args.output).iterdir()) and not args.overwrite:
+    if is_taken(Path(args.output)) and not args.overwrite:
         raise UsageError(
             f"{args.output}: expected a new or empty folder, got one with files; --overwrite replaces them"
         )

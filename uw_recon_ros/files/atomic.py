@@ -71,6 +71,11 @@ def publish(staged: Mapping[Path, Path]) -> None:
         sync_folder(folder)
 
 
+def is_taken(place: Path) -> bool:
+    """Whether a place for a folder holds something: it is a file, or a folder that is not empty."""
+    return place.exists() and (not place.is_dir() or any(place.iterdir()))
+
+
 def claim_folder(output: Path, overwrite: bool) -> None:
     """Make the folder that results go to.
 
@@ -81,7 +86,7 @@ def claim_folder(output: Path, overwrite: bool) -> None:
     """
     if output.exists() and not output.is_dir():
         raise ReconError(f"{output}: expected a folder to write to, got a file")
-    if output.is_dir() and any(output.iterdir()) and not overwrite:
+    if is_taken(output) and not overwrite:
         raise ReconError(
             f"{output}: expected an empty or new folder, got one with files in it; --overwrite replaces them"
         )

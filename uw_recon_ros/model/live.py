@@ -11,7 +11,7 @@ from typing import Any
 
 from uw_recon_ros import __version__
 from uw_recon_ros.errors import ModelError
-from uw_recon_ros.files.atomic import write_json
+from uw_recon_ros.files.atomic import is_taken, write_json
 from uw_recon_ros.files.trajectories import write_tum
 from uw_recon_ros.findings import Code
 from uw_recon_ros.fuse.frame import PosedFrame
@@ -73,7 +73,7 @@ def expect_room(folder: str | Path) -> None:
     ModelError
     """
     place = Path(folder)
-    if place.exists() and (not place.is_dir() or any(place.iterdir())):
+    if is_taken(place):
         raise ModelError(f"{place}: expected an empty folder or none, got one that holds something", Code.MODEL_EXISTS)
 
 
