@@ -22,7 +22,7 @@ from uw_recon_ros.params import read_parameter_file
 PACKAGE = "uw_recon_ros"
 STAGES = ("preprocess_node", "rectify_node", "disparity_node", "point_cloud_node")
 COMPOSED, PLAYER, ODOMETRY, MODEL = "pipeline_node", "bag_player_node", "odometry_node", "model_node"
-COMPRESSED = "/compressed"
+TRANSPORTS = ("/compressed", "/ffmpeg", "/foxglove")
 #: What is shown, for RViz in a name space: its configuration names them absolute.
 SHOWN = (
     *(f"{side}/image_{kind}" for side in ("left", "right") for kind in ("raw", "enhanced", "matching")),
@@ -75,7 +75,7 @@ ARGUMENTS = (
     Argument("preset", "none", "A file of config/ to start from.", ("none", "navigation", "quality", "paper")),
     Argument("overrides", "{}", "Any parameters, as YAML, over file and preset: '{max_disparity: 63}'."),
     Argument("effort", "", "Of the matcher, over file and preset.", ("", "navigation", "balanced", "quality")),
-    Argument("left_image", "left/image_raw", "Topic of the left camera's images (.../compressed: compressed ones)."),
+    Argument("left_image", "left/image_raw", "Topic of the left camera's images, or .../compressed and such."),
     Argument("right_image", "right/image_raw", "Topic of the right camera's images."),
     Argument("left_camera_info", "left/camera_info", "Topic of the left camera's calibration."),
     Argument("right_camera_info", "right/camera_info", "Topic of the right camera's calibration."),
@@ -135,8 +135,9 @@ def remappings(given: dict[str, str]) -> list[tuple[str, str]]:
     """Where the cameras' topics really are."""
     rules = []
     for side in ("left", "right"):
-        image = given[f"{side}_image"].removesuffix(COMPRESSED)
-        rules += [(f"{side}/image_raw", image), (f"{side}/image_raw{COMPRESSED}", image + COMPRESSED)]
+        told = given[f"{side}_image"]
+        image = told.removesuffix(next((end for end in TRANSPORTS if told.endswith(end)), ""))
+        rules += [(f"{side}/image_raw{end}", image + end) for end in ("", *TRANSPORTS)]
         rules += [(f"{side}/camera_info", given[f"{side}_camera_info"])]
     return [(ours, theirs) for ours, theirs in rules if ours != theirs]
 

@@ -151,6 +151,10 @@ class Code(str, Enum):
     TRACK_PRIORS_LEFT_OUT = "track.priors_left_out"
     TRACK_RIG_OFF = "track.rig_off"
     TRACK_SEGMENTS = "track.segments"
+    # packets of video
+    VIDEO_AWAITS_KEY_FRAME = "video.awaits_key_frame"
+    VIDEO_DECODE = "video.decode"
+    VIDEO_FORMAT = "video.format"
 
     def __str__(self) -> str:
         """The name as it stands in files and on topics."""

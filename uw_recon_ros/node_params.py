@@ -8,6 +8,7 @@ from uw_recon_ros.board_kinds import CHECKERBOARD, KINDS
 from uw_recon_ros.bounds import LARGEST_PIXELS
 from uw_recon_ros.pairing import PAIR_TOLERANCE_MS
 from uw_recon_ros.params import Params, param
+from uw_recon_ros.topics import TRANSPORTS
 
 
 @dataclass(frozen=True)
@@ -41,8 +42,9 @@ class CameraParams(Params):
 
     image_transport: str = param(
         "auto",
-        "Which of image_raw and image_raw/compressed is read; auto takes image_raw where it has a publisher.",
-        choices=("auto", "raw", "compressed"),
+        "Which of image_raw and its transports, e.g. image_raw/compressed, is read; auto takes the first in the order "
+        "listed that has a publisher. ffmpeg and foxglove need the extra 'video' and their message packages.",
+        choices=("auto", *TRANSPORTS),
     )
     max_pixels: int = param(
         4096 * 3072,

@@ -14,8 +14,12 @@ IMAGE, COMPRESSED_IMAGE = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedIm
 CAMERA_INFO, POINT_CLOUD = "sensor_msgs/msg/CameraInfo", "sensor_msgs/msg/PointCloud2"
 LASER_SCAN, RANGE = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/Range"
 DISPARITY_IMAGE, MARKER = "stereo_msgs/msg/DisparityImage", "visualization_msgs/msg/Marker"
+FFMPEG_PACKET = "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"
+FOXGLOVE_VIDEO = "foxglove_msgs/msg/CompressedVideo"
 ODOMETRY, PATH = "nav_msgs/msg/Odometry", "nav_msgs/msg/Path"
 SIDES = ("left", "right")
+#: How a camera's images come, by image_transport's names, and the type of each; those that come earlier are preferred.
+TRANSPORTS = {"raw": IMAGE, "compressed": COMPRESSED_IMAGE, "ffmpeg": FFMPEG_PACKET, "foxglove": FOXGLOVE_VIDEO}
 
 
 @dataclass(frozen=True)
@@ -64,6 +68,8 @@ _ODOMETRY, _MODEL, _CALIBRATE = "odometry_node", "model_node", "calibrate_node"
 TOPICS = (
     *_both("{}/image_raw", IMAGE, CAMERAS, "Image of the {} camera."),
     *_both("{}/image_raw/compressed", COMPRESSED_IMAGE, CAMERAS, "The same compressed; read where no raw one comes."),
+    *_both("{}/image_raw/ffmpeg", FFMPEG_PACKET, CAMERAS, "The same as video; read where neither of these comes."),
+    *_both("{}/image_raw/foxglove", FOXGLOVE_VIDEO, CAMERAS, "The same as video; read where none of these comes."),
     *_both("{}/camera_info", CAMERA_INFO, CAMERAS, "Calibration of the {} camera; without it the scale is unknown."),
     *_both("{}/image_matching", IMAGE, _PREPROCESS, "What the matcher sees of the {} camera.", "mono8"),
     *_both("{}/image_enhanced", IMAGE, _PREPROCESS, "Enhanced image of the {} camera: texture.", "bgr8"),
@@ -100,6 +106,17 @@ TOPICS = (
     Topic("model/surface", MARKER, _MODEL, "The same as triangles.", unit="m", latched=True, metric=True),
 )  # fmt: skip
 _BY_NAME = {topic.name: topic for topic in TOPICS}
+
+
+def transport_of(topic: str) -> str:
+    """Which of `TRANSPORTS` a topic of a camera's images is of, by the end of its name; ``raw`` where it tells none."""
+    end = topic.rpartition("/")[2]
+    return end if end in TRANSPORTS else "raw"
+
+
+def image_topics(side: str) -> tuple[str, ...]:
+    """Topics that may bring one camera's images, in the order of `TRANSPORTS`."""
+    return tuple(topic.name for topic in TOPICS if topic.by == CAMERAS and topic.name.startswith(f"{side}/image_raw"))
 
 
 def find_topic(name: str) -> Topic:

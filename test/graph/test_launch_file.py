@@ -112,10 +112,10 @@ def test_where_the_cameras_topics_are(launch: Any) -> None:
     node = launch(left_image="/cam/l/image", right_image="/cam/r/image/compressed", left_camera_info="/cam/l/info")[0]
     assert dict(node.remappings) == {
         "left/image_raw": "/cam/l/image",
-        "left/image_raw/compressed": "/cam/l/image/compressed",
+        **{f"left/image_raw/{end}": f"/cam/l/image/{end}" for end in ("compressed", "ffmpeg", "foxglove")},
         "left/camera_info": "/cam/l/info",
         "right/image_raw": "/cam/r/image",
-        "right/image_raw/compressed": "/cam/r/image/compressed",
+        **{f"right/image_raw/{end}": f"/cam/r/image/{end}" for end in ("compressed", "ffmpeg", "foxglove")},
     }
 
 

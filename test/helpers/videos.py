@@ -41,6 +41,33 @@ def write_video(
     return path
 
 
+_ENCODERS = {"h264": "libx264", "h265": "libx265", "vp9": "libvpx-vp9", "av1": "libsvtav1"}
+
+
+def packets(images: Iterable[Image], codec: str, every: int = 4, **options: str) -> list[bytes]:
+    """One packet an image, as drivers send them: no frames out of order, a key frame `every` so many."""
+    av = pytest.importorskip("av", reason="videos need the extra 'video'")
+    images = [np.ascontiguousarray(image) for image in images]
+    if _ENCODERS[codec] not in av.codecs_available:
+        pytest.skip(f"this PyAV has no {_ENCODERS[codec]}")
+    encoder = av.CodecContext.create(_ENCODERS[codec], "w")
+    encoder.width, encoder.height, encoder.pix_fmt = images[0].shape[1], images[0].shape[0], "yuv420p"
+    encoder.time_base = Fraction(1, 10)
+    encoder.options = {
+        "h264": {"preset": "ultrafast", "tune": "zerolatency", "bf": "0"},
+        "h265": {
+            "preset": "ultrafast", "tune": "zerolatency",
+            "x265-params": f"keyint={every}:bframes=0:log-level=none:annexb=1",
+        },
+        "vp9": {"deadline": "realtime", "lag-in-frames": "0", "auto-alt-ref": "0", "b": "0"},
+        "av1": {"preset": "12", "svtav1-params": "pred-struct=1:lookahead=0"},
+    }[codec] | {"crf": "14", "g": str(every)} | options  # fmt: skip
+    found = []
+    for image in images:
+        found += encoder.encode(av.VideoFrame.from_ndarray(image, format="rgb24"))
+    return [bytes(packet) for packet in found + encoder.encode(None)]
+
+
 def texture(seed: int, shape: tuple[int, int] = (180, 240), grain: float = 1.5) -> Image:
     noise = np.random.default_rng(seed).normal(size=(*shape, 3)).astype(np.float32)
     return np.clip(128 + 55 * grain * cv2.GaussianBlur(noise, (0, 0), grain), 0, 255).astype(np.uint8)

@@ -141,6 +141,8 @@ def test_the_chain_is_the_nodes() -> None:
         declared |= {output.topic: output.type for output in module.OUTPUTS}
     for topic, kind in TYPES.items():
         package, _, name = kind.split("/")
+        if topic in declared and declared[topic] is None:
+            continue  # a type of video that is not installed
         assert declared[topic].__name__ == name
         assert declared[topic].__module__.startswith(f"{package}.msg.")
     assert set(LISTENED) <= set(TYPES)

@@ -16,19 +16,32 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from uw_recon_ros.nodes import calibrate_node, model_node, odometry_node, pipeline_node
 from uw_recon_ros.nodes.pipeline_node import PipelineNode
+from uw_recon_ros.topics import find_topic
 
 ROOT = Path(__file__).parents[2]
 RVIZ, FOXGLOVE = ROOT / "config" / "rviz" / "uw_recon.rviz", ROOT / "config" / "foxglove" / "uw_recon.json"
 OUTPUTS = (*pipeline_node.OUTPUTS, *odometry_node.OUTPUTS, *model_node.OUTPUTS, *calibrate_node.OUTPUTS)
+
+
+def _message(topic: str) -> str:
+    return find_topic(topic).type.rpartition("/")[2]
+
+
 #: All topics by message, cameras included: absolute, as without a name space.
 TYPES = {
-    **{f"/{topic.name}": topic.type.__name__ for wanted in pipeline_node.INPUTS for topic in wanted.alternatives},
+    **{f"/{topic.name}": _message(topic.name) for wanted in pipeline_node.INPUTS for topic in wanted.alternatives},
     **{f"/{output.topic}": output.type.__name__ for output in OUTPUTS if output.topic not in ("/tf", "/tf_static")},
 }
 LATCHED = {f"/{output.topic}" for output in OUTPUTS if output.latched}
 KINDS = ("Image", "PointCloud2", "Marker", "LaserScan", "Range", "Odometry", "Path")
 SHOWS = {kind: kind for kind in KINDS}  # RViz's display of a message
-NOT_IN_RVIZ = {"CameraInfo", "DisparityImage", "CompressedImage"}  # it has no display for these
+NOT_IN_RVIZ = {
+    "CameraInfo",
+    "DisparityImage",
+    "CompressedImage",
+    "FFMPEGPacket",
+    "CompressedVideo",
+}  # it has no display for these
 
 
 def rviz_displays(node: Any) -> Iterator[dict[str, Any]]:

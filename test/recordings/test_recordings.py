@@ -13,10 +13,10 @@ import pytest
 from helpers.videos import swaying, texture, views, write_video
 from PIL import Image as Picture
 
-from uw_recon_ros.bags.video_packets import library
 from uw_recon_ros.cli import main
 from uw_recon_ros.errors import BagError, ImageError, ReconError
 from uw_recon_ros.files.images import write_image
+from uw_recon_ros.files.video_packets import library
 from uw_recon_ros.findings import Code
 from uw_recon_ros.recordings.clock import find_clock
 from uw_recon_ros.recordings.layout import cut, find_layout

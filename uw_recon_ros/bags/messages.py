@@ -20,18 +20,17 @@ from uw_recon_ros.messages.cameras import CAMERA_INFO
 from uw_recon_ros.messages.clouds import marker_without_corners
 from uw_recon_ros.messages.headers import header, stamp_ns
 from uw_recon_ros.messages.images import COMPRESSED_IMAGE, IMAGE, depth_from_message, image_from_message
+from uw_recon_ros.topics import FFMPEG_PACKET, FOXGLOVE_VIDEO
 from uw_recon_ros.types import CameraModel, Surface
 
 __all__ = [
-    "CAMERA_INFO", "COMPRESSED_IMAGE", "IMAGE", "IMAGES", "MAKE", "VIDEOS", "BagFactory", "camera_info_message",
-    "decode", "depth_from_message", "encode", "encode_surface", "image_from_message", "image_message", "pose_message",
-    "stamp_ns", "typestore",
+    "CAMERA_INFO", "COMPRESSED_IMAGE", "FFMPEG_PACKET", "FOXGLOVE_VIDEO", "IMAGE", "IMAGES", "MAKE", "VIDEOS",
+    "BagFactory", "camera_info_message", "decode", "depth_from_message", "encode", "encode_surface",
+    "image_from_message", "image_message", "pose_message", "stamp_ns", "typestore",
 ]  # fmt: skip
 
 
 #: Encoded video, a packet a message; both begin with a stamp and a frame's name, as a header does.
-FOXGLOVE_VIDEO = "foxglove_msgs/msg/CompressedVideo"
-FFMPEG_PACKET = "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"
 VIDEOS = (FOXGLOVE_VIDEO, FFMPEG_PACKET)
 #: All types that hold images.
 IMAGES = (IMAGE, COMPRESSED_IMAGE, *VIDEOS)

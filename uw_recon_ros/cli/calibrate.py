@@ -139,7 +139,8 @@ def _live(args: argparse.Namespace) -> int:
     }  # fmt: skip
     words = [word for name, value in told.items() if value != "" for word in ("-p", f"{name}:={value}")]
     for side, topic in (("left", args.left_topic), ("right", args.right_topic)):
-        words += ["-r", f"{side}/image_raw:={topic}", "-r", f"{side}/image_raw/compressed:={topic}/compressed"]
+        for end in ("", "/compressed", "/ffmpeg", "/foxglove"):
+            words += ["-r", f"{side}/image_raw{end}:={topic}{end}"]
     if is_taken(Path(args.output)) and not args.overwrite:
         raise UsageError(
             f"{args.output}: expected a new or empty folder, got one with files; --overwrite replaces them"

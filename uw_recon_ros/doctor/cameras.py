@@ -10,39 +10,41 @@ from collections.abc import Sequence
 from uw_recon_ros.doctor.check import Check, fail, ok, warn
 from uw_recon_ros.doctor.observation import Arrivals, Observation, ObservedTopic
 from uw_recon_ros.doctor.suggestions import for_image, namespace_of, same_elsewhere
-from uw_recon_ros.doctor.topic_graph import TYPES, image_topics
+from uw_recon_ros.doctor.topic_graph import TYPES
 from uw_recon_ros.errors import ImageError
+from uw_recon_ros.files.video_packets import codec_named
 from uw_recon_ros.images import decode_image
 from uw_recon_ros.node_params import NodeParams
-from uw_recon_ros.topics import IMAGE, SIDES
+from uw_recon_ros.topics import IMAGE, SIDES, image_topics, transport_of
 
 _STAGE = "cameras"
 _MS = 1e6
 _ENOUGH, _NEARLY_ALL = 0.5, 0.9
 #: Fast DDS's default segment of shared memory: what is larger is lost under best effort.
 _DEFAULT_SEGMENT = 512 << 10
-_TRANSPORTS = {"raw": (0,), "compressed": (1,), "auto": (0, 1)}
 
 
 def image_topic(seen: Observation, side: str) -> ObservedTopic:
-    """The topic that brings a camera's images: raw where it is published, else compressed."""
-    raw, compressed = (seen.topics.get(name, ObservedTopic(name)) for name in image_topics(side))
-    allowed = _TRANSPORTS.get(str(seen.parameter("image_transport", "auto")), (0, 1))
-    choice = [topic for place, topic in enumerate((raw, compressed)) if place in allowed]
+    """The topic that brings a camera's images: raw where it is published, else compressed, else video."""
+    asked = str(seen.parameter("image_transport", "auto"))
+    names = [name for name in image_topics(side) if transport_of(name) == asked] or image_topics(side)
+    choice = [seen.topics.get(name, ObservedTopic(name)) for name in names]
     return next((topic for topic in choice if topic.publishers), choice[0])
 
 
 def _missing(seen: Observation, side: str) -> Check:
     """Nobody publishes a camera: say what was probably meant."""
-    topic, (raw, compressed) = image_topic(seen, side), image_topics(side)
+    topic, names = image_topic(seen, side), image_topics(side)
+    raw = names[0]
     text = f"{topic.name}: no publisher"
-    other = next((seen.topics[n] for n in (raw, compressed) if n in seen.topics and seen.topics[n].publishers), None)
+    other = next((name for name in names if name in seen.topics and seen.topics[name].publishers), None)
     if other:
-        transport = "compressed" if other.name.endswith("compressed") else "raw"
-        return fail(_STAGE, f"{text}, but {other.name} has one", f"set image_transport to {transport} or auto")
-    moved = same_elsewhere(raw, TYPES.values(), seen.others) or same_elsewhere(compressed, TYPES.values(), seen.others)
+        text, transport = f"{text}, but {seen.topics[other].name} has one", transport_of(other)
+        return fail(_STAGE, text, f"set image_transport to {transport} or auto")
+    found = ((name, same_elsewhere(name, TYPES.values(), seen.others)) for name in names)
+    same, moved = next(((name, topics) for name, topics in found if topics), (raw, []))
     if moved:
-        space = namespace_of(moved[0], compressed if moved[0].endswith(compressed) else raw)
+        space = namespace_of(moved[0], same)
         return fail(
             _STAGE,
             f"{text}, but {' and '.join(moved)} has one",
@@ -50,7 +52,7 @@ def _missing(seen: Observation, side: str) -> Check:
         )
     likely = for_image(side, seen.others)
     if likely:
-        name = raw if not likely[0].endswith("/compressed") else compressed
+        name = next((name for name in names[1:] if transport_of(likely[0]) == transport_of(name)), raw)
         return fail(_STAGE, f"{text}; likely meant: {', '.join(likely[:3])}", f"start with -r {name}:={likely[0]}")
     images = sorted(t.name for t in seen.others if IMAGE in t.types)
     listed = f"; images seen: {', '.join(images[:5])}" if images else "; no image topic is seen at all"
@@ -119,6 +121,8 @@ def _formats(left: Arrivals, right: Arrivals) -> list[Check]:
     if (left.width, left.height) != (right.width, right.height):
         text = f"left images are {left.width}x{left.height}, right ones {right.width}x{right.height}"
         return [fail(_STAGE, text, "set both cameras to one resolution and one region of interest")]
+    if any(codec_named(came.encoding) for came in (left, right)):
+        return []
     try:
         kinds = [_kind(came.encoding) for came in (left, right)]
     except ImageError as error:

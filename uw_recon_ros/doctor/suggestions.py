@@ -6,8 +6,8 @@ import re
 from collections.abc import Iterable, Mapping
 
 from uw_recon_ros.doctor.observation import ObservedTopic
-from uw_recon_ros.doctor.topic_graph import TYPES, image_topics
-from uw_recon_ros.topics import COMPRESSED_IMAGE, IMAGE, SIDES
+from uw_recon_ros.doctor.topic_graph import TYPES
+from uw_recon_ros.topics import SIDES, TRANSPORTS, image_topics
 
 #: How drivers name a camera.
 _SPELLINGS = {
@@ -34,7 +34,7 @@ def same_elsewhere(relative: str, kinds: Iterable[str], others: Iterable[Observe
 
 def for_image(side: str, others: Iterable[ObservedTopic]) -> list[str]:
     """Topics that may be a camera's image, likeliest first."""
-    found = [t.name for t in others if t.types & {IMAGE, COMPRESSED_IMAGE} and says_side(t.name, side)]
+    found = [t.name for t in others if t.types & set(TRANSPORTS.values()) and says_side(t.name, side)]
     return sorted(found, key=_rank)
 
 

@@ -4,15 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from uw_recon_ros.topics import SIDES, TOPICS
+from uw_recon_ros.topics import SIDES, TOPICS, image_topics
 
 PIPELINE = "pipeline_node"
 METRIC_CLOUD, UNSCALED_CLOUD = "points2", "points_unscaled"
-
-
-def image_topics(side: str) -> tuple[str, str]:
-    """Topics that may bring one camera's images, raw first."""
-    return f"{side}/image_raw", f"{side}/image_raw/compressed"
 
 
 @dataclass(frozen=True)

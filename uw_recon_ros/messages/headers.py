@@ -25,7 +25,9 @@ def received_stamp_ns(message: Any) -> int:
     MessageError
         The stamp is no time, or the frame's name no name: neither may travel on.
     """
-    stamp, frame_id = message.header.stamp, message.header.frame_id
+    headed = hasattr(message, "header")
+    stamp = message.header.stamp if headed else message.timestamp
+    frame_id = message.header.frame_id if headed else message.frame_id
     if stamp.sec < 0 or stamp.nanosec >= BILLION:
         raise MessageError(
             f"stamp: expected sec >= 0 and nanosec < {BILLION}, got sec {stamp.sec}, nanosec {stamp.nanosec}"

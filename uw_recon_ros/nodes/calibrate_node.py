@@ -2,7 +2,7 @@
 
 | topic | type | |
 | --- | --- | --- |
-| `left/image_raw`, `right/image_raw` or `.../compressed` | Image / CompressedImage | in |
+| `left/image_raw`, `right/image_raw` or a transport of theirs, as `preprocess_node` has them | Image ... | in |
 | `calibration/coverage` | Image bgr8 | out: both pictures, the board's points, parts that are covered, what to do |
 
 Service (std_srvs/Trigger): ~/calibrate solves with the pairs there are and writes into `calibration_dir`, in the

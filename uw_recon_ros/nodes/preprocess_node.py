@@ -3,6 +3,7 @@
 | topic | type | |
 | --- | --- | --- |
 | `left/image_raw`, `right/image_raw` or `.../compressed` | Image / CompressedImage | in |
+| the same `.../ffmpeg` or `.../foxglove` | FFMPEGPacket / CompressedVideo | in: video, with the extra `video` |
 | `left/image_enhanced`, `right/image_enhanced` | Image bgr8 | out: texture; made only while somebody listens |
 | `left/image_matching`, `right/image_matching` | Image mono8 | out: what the matcher sees; 0 = nothing is seen |
 """
@@ -13,8 +14,6 @@ import sys
 from collections.abc import Sequence
 from functools import partial
 from typing import Any
-
-from sensor_msgs.msg import CompressedImage, Image
 
 from uw_recon_ros.findings import severe
 from uw_recon_ros.node_params import CameraParams
@@ -29,21 +28,20 @@ from uw_recon_ros.ros.outputs import Outputs
 from uw_recon_ros.ros.pairs import raw_pair
 from uw_recon_ros.ros.parameters import ParameterSet
 from uw_recon_ros.ros.process import run
-from uw_recon_ros.topics import SIDES
+from uw_recon_ros.topics import SIDES, image_topics, transport_of
 from uw_recon_ros.types import EnhancedPair
 
-CAMERAS = tuple(
-    Input(side, (input_topic(f"{side}/image_raw"), input_topic(f"{side}/image_raw/compressed"))) for side in SIDES
-)
+CAMERAS = tuple(Input(side, tuple(map(input_topic, image_topics(side)))) for side in SIDES)
+_IMAGES = frozenset(topic.name for camera in CAMERAS for topic in camera.alternatives)
 OUTPUTS = outputs_of("preprocess_node")
 PICTURES = tuple(f"{side}/image_enhanced" for side in SIDES)
-_TRANSPORTS = {"auto": (Image, CompressedImage), "raw": (Image,), "compressed": (CompressedImage,)}
 
 
 def camera_filter(params: CameraParams) -> Any:
     """Which sources of a camera's image the parameters allow."""
-    allowed = _TRANSPORTS[params.image_transport]
-    return lambda source: source.type in allowed or source.type not in _TRANSPORTS["auto"]
+    if params.image_transport == "auto":
+        return lambda source: True
+    return lambda source: source.name not in _IMAGES or transport_of(source.name) == params.image_transport
 
 
 def publish_enhanced(outputs: Outputs, pair: EnhancedPair) -> None:

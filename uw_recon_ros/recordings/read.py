@@ -10,11 +10,11 @@ from typing import Any
 
 from uw_recon_ros.bags import BagReader, RawMessage, messages
 from uw_recon_ros.bags.stereo import make_pair
-from uw_recon_ros.bags.video_packets import video_codec
 from uw_recon_ros.bounds import LARGEST_IMAGE_FILE
 from uw_recon_ros.errors import BagError, ImageError, ReconError
 from uw_recon_ros.files.bounded import read_bounded
 from uw_recon_ros.files.images import decode_compressed, read_image
+from uw_recon_ros.files.video_packets import video_codec
 from uw_recon_ros.image_pair import as_pair
 from uw_recon_ros.recordings.layout import cut, mpo_parts
 from uw_recon_ros.recordings.pair_index import Frame, Place

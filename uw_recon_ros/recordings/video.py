@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from uw_recon_ros.bags.video_packets import library
 from uw_recon_ros.errors import BagError, ImageError
+from uw_recon_ros.files.video_packets import image_of_frame, library
 from uw_recon_ros.types import RawImage
 
 SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".ts", ".m4v", ".mts", ".m2ts", ".mpg", ".webm", ".h264", ".h265", ".hevc")
@@ -144,8 +144,7 @@ class Video:
         self._frames = self._file.decode(self._stream)
 
     def _upright(self, frame: Any) -> RawImage:
-        mono = frame.format.name.startswith("gray")
-        image: RawImage = frame.to_ndarray(format="gray" if mono else "rgb24")
+        image = image_of_frame(frame)
         turns = round(getattr(frame, "rotation", 0) / 90) % 4
         return np.ascontiguousarray(np.rot90(image, turns)) if turns else image
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import Any
+from typing import NamedTuple
 
-from uw_recon_ros.bags import BagReader, RawMessage, messages
-from uw_recon_ros.bags.video_packets import decode_packet, is_key, library
+from uw_recon_ros.bags import BagReader, messages
 from uw_recon_ros.errors import ImageError
+from uw_recon_ros.files.video_packets import PacketDecoder, is_key
 from uw_recon_ros.recordings.pair_index import Place
 from uw_recon_ros.types import RawImage
 
@@ -17,13 +17,19 @@ _KEPT = 4
 Moment = tuple[int, int]
 
 
+class _Packet(NamedTuple):
+    moment: Moment
+    stamp_ns: int
+    data: bytes
+
+
 class TopicDecoder:
     """Decodes the packets of one topic, in any order of asking."""
 
     def __init__(self, bag: BagReader, topic: str, codec: str) -> None:
-        self._av, self._bag, self._topic, self._codec_name = library(), bag, topic, codec
-        self._recent: deque[tuple[Moment, RawImage]] = deque(maxlen=_KEPT)
-        self._codec: Any = None
+        self._bag, self._topic, self._codec = bag, topic, codec
+        self._recent: deque[tuple[Moment, RawImage | ImageError]] = deque(maxlen=_KEPT)
+        self._decoder = PacketDecoder(codec)
         self._last: Moment | None = None
 
     def image(self, place: Place) -> RawImage:
@@ -35,43 +41,41 @@ class TopicDecoder:
             It cannot be decoded: damaged, or its key frame is not in the bag.
         """
         wanted = place.log_ns, place.nth
-        for moment, image in self._recent:
-            if moment == wanted:
-                return image
+        found = self._kept(wanted)
+        if found is None:
+            self._decode_up_to(place, wanted)
+            found = self._kept(wanted)
+        if isinstance(found, ImageError):
+            raise ImageError(f"{self._topic}: {found}", found.code) from found
+        if found is None:
+            raise ImageError(f"{self._topic}: the packet recorded at {place.log_ns} ns cannot be read any more")
+        return found
+
+    def _kept(self, wanted: Moment) -> RawImage | ImageError | None:
+        return next((found for moment, found in self._recent if moment == wanted), None)
+
+    def _decode_up_to(self, place: Place, wanted: Moment) -> None:
         goes_on = self._last is not None and self._last < wanted and wanted[0] - self._last[0] < _BACK_NS
         begin = self._last[0] if goes_on and self._last else place.log_ns - _BACK_NS
         packets = self._packets(begin, place.log_ns, wanted)
         if goes_on:
-            packets = [packet for packet in packets if self._last is None or packet[0] > self._last]
+            packets = [packet for packet in packets if self._last is None or packet.moment > self._last]
         else:
-            self._codec = self._av.CodecContext.create(self._codec_name, "r")
-            self._codec.thread_count = 1  # threads would hold frames back
-            keys = [n for n, (_, data) in enumerate(packets) if is_key(data, self._codec_name)]
-            packets = packets[keys[-1] :] if keys else packets
-        for moment, data in packets:
-            self._feed(moment, data)
-        found = next((image for moment, image in self._recent if moment == wanted), None)
-        if found is None:
-            self._last = None
-            told = f"a packet of {self._codec_name} cannot be decoded: damaged, or its key frame is not in the bag"
-            raise ImageError(f"{self._topic}: {told}")
-        return found
+            self._decoder = PacketDecoder(self._codec)
+            keys = [n for n, packet in enumerate(packets) if is_key(packet.data, self._codec)]
+            packets = packets[keys[-1] :] if keys else packets[-1:]
+        for moment, stamp_ns, data in packets:
+            self._last = moment
+            try:
+                self._recent.append((moment, self._decoder.decode(data, stamp_ns)))
+            except ImageError as error:
+                self._recent.append((moment, error))
 
-    def _packets(self, begin_ns: int, end_ns: int, last: Moment) -> list[tuple[Moment, bytes]]:
-        found: list[tuple[Moment, bytes]] = []
+    def _packets(self, begin_ns: int, end_ns: int, last: Moment) -> list[_Packet]:
+        found: list[_Packet] = []
         for raw in self._bag.raw_messages([self._topic], (begin_ns, end_ns)):
-            nth = found[-1][0][1] + 1 if found and found[-1][0][0] == raw.log_ns else 0
+            nth = found[-1].moment[1] + 1 if found and found[-1].moment[0] == raw.log_ns else 0
             if (raw.log_ns, nth) <= last:
-                found.append(((raw.log_ns, nth), _data(raw)))
+                message = messages.decode(raw)
+                found.append(_Packet((raw.log_ns, nth), messages.stamp_ns(message), bytes(message.data)))
         return found
-
-    def _feed(self, moment: Moment, data: bytes) -> None:
-        """Decode a packet; without frames out of order each gives its own."""
-        self._last = moment
-        image = decode_packet(self._codec, data)
-        if image is not None:
-            self._recent.append((moment, image))
-
-
-def _data(raw: RawMessage) -> bytes:
-    return bytes(messages.decode(raw).data)

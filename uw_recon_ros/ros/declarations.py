@@ -11,7 +11,7 @@ from uw_recon_ros.topics import find_topic, published_by
 
 @dataclass(frozen=True)
 class InputTopic:
-    """A topic that may serve an input."""
+    """A topic that may serve an input; `type` is None where its message package is not installed."""
 
     name: str
     type: Any

@@ -9,14 +9,16 @@ from typing import Any
 
 from rclpy.node import Node
 
-from uw_recon_ros.errors import MessageError
+from uw_recon_ros.errors import ReconError
+from uw_recon_ros.files.video_packets import is_video
 from uw_recon_ros.messages.headers import received_stamp_ns
 from uw_recon_ros.ros.declarations import Input, InputTopic
 from uw_recon_ros.ros.diagnostics import PASSED_OVER, Diagnostics
 from uw_recon_ros.ros.message_groups import Assembler, Group
 from uw_recon_ros.ros.qos import ReliableFirst
 from uw_recon_ros.ros.rate_limiter import Pace
-from uw_recon_ros.ros.topic_health import in_one_line, why_silent, why_unpaired
+from uw_recon_ros.ros.topic_health import in_one_line, not_installed, why_silent, why_unpaired
+from uw_recon_ros.ros.video import VideoStream
 
 _PATIENCE = 3  # gaps between messages without one, before a slow topic counts as silent
 
@@ -27,6 +29,7 @@ class _Line:
 
     chosen: InputTopic
     subscription: ReliableFirst
+    video: VideoStream = field(default_factory=VideoStream)
     since: float = field(default_factory=time.monotonic)
     gap: float = 0.0
     last_stamp: int | None = None
@@ -127,7 +130,7 @@ class Inputs:
     def _attend(self, wanted: Input) -> None:
         """Subscribe to the topic that fits best now."""
         line = self._lines.get(wanted.name)
-        alternatives = [] if wanted.name in self.ignored else [s for s in wanted.alternatives if self.accepts(s)]
+        alternatives = [] if wanted.name in self.ignored else self._alternatives(wanted)
         if not alternatives:
             self._close(wanted.name)
             return
@@ -136,6 +139,10 @@ class Inputs:
         if line is None or line.chosen != best:
             self._close(wanted.name)
             self._lines[wanted.name] = _Line(best, self._subscribe(wanted, best))
+
+    def _alternatives(self, wanted: Input) -> list[InputTopic]:
+        """What may serve an input at present, and can."""
+        return [topic for topic in wanted.alternatives if topic.type is not None and self.accepts(topic)]
 
     def _subscribe(self, wanted: Input, topic: InputTopic) -> ReliableFirst:
         return ReliableFirst(
@@ -158,16 +165,17 @@ class Inputs:
         self._diagnostics.count(f"in {topic.name}")
         try:
             stamp = received_stamp_ns(message)
-        except MessageError as error:
+            taken = line.video.take(message, stamp) if is_video(message) else message
+        except ReconError as error:
             self._refuse(topic.name, error)
             return
         line.received(stamp)
         if wanted.role == "latest":
-            self.assembler.set_latest(wanted.name, message)
+            self.assembler.set_latest(wanted.name, taken)
         else:
-            self.assembler.push(wanted.name, stamp, message, _size(message))
+            self.assembler.push(wanted.name, stamp, taken, _size(message))
 
-    def _refuse(self, topic: str, error: MessageError) -> None:
+    def _refuse(self, topic: str, error: ReconError) -> None:
         self._diagnostics.drop(type(error).__name__, f"{topic}: {error}", code=error.code)
         self._warn(f"refused {topic}", f"message refused: {topic}: {error}")
 
@@ -190,7 +198,10 @@ class Inputs:
         line = self._lines.get(wanted.name)
         if line is None or now - line.since <= max(self.stall_s, _PATIENCE * line.gap):
             return None
-        alternatives = [topic.name for topic in wanted.alternatives if self.accepts(topic)]
+        for topic in wanted.alternatives:
+            if topic.type is None and self.accepts(topic) and self.has_publisher(topic.name):
+                return self._node.resolve_topic_name(topic.name), not_installed(topic.name)
+        alternatives = [topic.name for topic in self._alternatives(wanted)]
         return why_silent(self._node, line.chosen.name, alternatives, required=wanted.role == "paired")
 
     def _why_unpaired(self) -> str | None:

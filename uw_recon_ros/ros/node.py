@@ -36,8 +36,10 @@ def _all_classes() -> Iterable[type[Params]]:
 
 def _expect_installed(inputs: tuple[Input, ...], outputs: tuple[Output, ...]) -> None:
     """Refuse a node whose messages nobody installed."""
-    types = {topic.name: topic.type for wanted in inputs for topic in wanted.alternatives}
-    types |= {output.topic: output.type for output in outputs}
+    types = {output.topic: output.type for output in outputs}
+    for wanted in inputs:  # one of several will do
+        installed = [topic for topic in wanted.alternatives if topic.type is not None]
+        types |= {topic.name: topic.type for topic in installed or wanted.alternatives[:1]}
     absent = {find_topic(name).type.split("/")[0] for name, kind in types.items() if kind is None}
     if absent:
         text = f"{', '.join(sorted(absent))}: expected to be installed, not found: its messages are part of ROS 2"

@@ -19,6 +19,7 @@ from uw_recon_ros.messages.headers import stamp_ns
 from uw_recon_ros.messages.images import image_from_message
 from uw_recon_ros.ros.geometry import check_size, geometry_from_infos, window_from_info
 from uw_recon_ros.ros.message_groups import Group
+from uw_recon_ros.ros.video import VideoImage
 from uw_recon_ros.types import (
     ByteImage,
     EnhancedPair,
@@ -145,6 +146,8 @@ def _two_images(
 
 def _decode(name: str, message: Any, most_pixels: int) -> RawImage:
     try:
+        if isinstance(message, VideoImage):
+            return message.decode(most_pixels)
         return image_from_message(message, most_pixels)
     except ImageError as error:
         raise ImageError(f"{name} image: {error}", error.code) from error

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from rclpy.node import Node
+
+from uw_recon_ros.topics import find_topic
 
 
 def why_silent(node: Node, topic: str, alternatives: Sequence[str], *, required: bool) -> tuple[str, str] | None:
@@ -33,6 +36,16 @@ def why_silent(node: Node, topic: str, alternatives: Sequence[str], *, required:
     if not required:
         return None
     return " or ".join(node.resolve_topic_name(name) for name in alternatives), "no publisher"
+
+
+def not_installed(topic: str) -> str:
+    """What to do about a topic of the table whose messages nobody installed."""
+    package = find_topic(topic).type.split("/")[0]
+    distro = os.environ.get("ROS_DISTRO", "$ROS_DISTRO")
+    return (
+        f"a publisher, but {package} is not installed: apt install ros-{distro}-{package.replace('_', '-')}, or "
+        "publish raw or compressed images"
+    )
 
 
 def in_one_line(reasons: Iterable[tuple[str, str]]) -> str | None:

@@ -22,7 +22,7 @@ from uw_recon_ros.ros.message_types import message_class
 from uw_recon_ros.ros.observer.node_answers import Asked
 from uw_recon_ros.ros.observer.recorder import Recorder, camera_numbers, endpoint
 from uw_recon_ros.ros.qos import profile
-from uw_recon_ros.topics import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE, POINT_CLOUD, SIDES
+from uw_recon_ros.topics import CAMERA_INFO, POINT_CLOUD, SIDES, TRANSPORTS
 
 NAME = "uw_recon_doctor"
 _LOOK_S = 0.25
@@ -149,7 +149,7 @@ class Probe(Node):  # type: ignore[misc]
         return ObservedTopic(name, publishers, subscribers)
 
     def _others(self) -> tuple[ObservedTopic, ...]:
-        wanted, ours = {IMAGE, COMPRESSED_IMAGE, CAMERA_INFO, POINT_CLOUD}, set(self._resolved.values())
+        wanted, ours = {*TRANSPORTS.values(), CAMERA_INFO, POINT_CLOUD}, set(self._resolved.values())
         names = [name for name, types in self.get_topic_names_and_types() if name not in ours and wanted & set(types)]
         return tuple(self._ends(name) for name in names)
 

@@ -48,7 +48,7 @@ class Recorder:
             count=self._count, rate_hz=rate, stamps_ns=tuple(self._stamps), behind_ns=self._behind_ns,
             width=int(getattr(inner, "width", 0)), height=int(getattr(inner, "height", 0)),
             encoding=str(getattr(inner, "encoding", getattr(inner, "format", "")))[:40],
-            size_bytes=len(getattr(inner, "data", b"")), frame_id=self.last.header.frame_id,
+            size_bytes=len(getattr(inner, "data", b"")), frame_id=getattr(self.last, "header", self.last).frame_id,
             valid_share=_valid_share(self.last),
         )  # fmt: skip
 
