@@ -27,7 +27,7 @@ MESSAGES += ["rosgraph-msgs", "lifecycle-msgs"]
 #: Rooms that hold parts of pages.
 PAGES = ["report", "survey"]
 DASK, LAZ = ["distributed>=2024.1"], ["laspy>=2.5", "lazrs>=0.5"]
-VIDEO = ["av>=11"]
+VIDEO, NETWORK = ["av>=11"], ["onnxruntime>=1.17"]
 COMPLETION = ["argcomplete>=3"]
 MODEL = ["fast-simplification>=0.1.9", "xatlas>=0.0.9"]
 DOCS = ["sphinx>=7.2", "myst-parser>=3", "furo>=2024.1.29"]
@@ -41,6 +41,8 @@ TEST = [
     *DASK,
     *LAZ,
     *VIDEO,
+    *NETWORK,
+    "onnx>=1.15",
     *COMPLETION,
     *MODEL,
     "rasterio>=1.3",
@@ -108,6 +110,7 @@ setup(
         "laz": LAZ,
         "model": MODEL,
         "video": VIDEO,
+        "network": NETWORK,
         "completion": COMPLETION,
         "test": TEST,
         "docs": DOCS,

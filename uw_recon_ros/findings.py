@@ -81,6 +81,7 @@ class Code(str, Enum):
     CALIBRATE_UNSYNCHRONISED = "calibrate.unsynchronised"
     # matching
     MATCH_EXCHANGED = "match.exchanged"
+    MATCH_NETWORK = "match.network"
     MATCH_NOTHING = "match.nothing"
     MATCH_NOTHING_SEEN = "match.nothing_seen"
     # recordings

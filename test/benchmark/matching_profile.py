@@ -37,7 +37,7 @@ STEPS: tuple[tuple[str, Any, str], ...] = (
     ("  census words", semiglobal, "census_words"),
     ("  cost volume", semiglobal, "_volume"),
     ("  aggregation", semiglobal, "aggregate"),
-    ("  left/right check", start, "_compare"),
+    ("  left/right check", start, "compare_views"),
     ("blank regions", matcher, "untextured_mask"),
     ("view: samples, arms", matcher, "_view"),
     ("edge weights", matcher, "edge_weights"),

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, field
-from typing import TypeVar
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
 
 import cv2
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from uw_recon_ros.errors import EstimationError
 from uw_recon_ros.findings import Code
 from uw_recon_ros.match.disparity_range import find_disparity_range
-from uw_recon_ros.match.methods import EFFORTS, METHODS
+from uw_recon_ros.match.methods import EFFORTS, METHODS, NETWORK_VALUES
 from uw_recon_ros.match.planes.confidence import confidence_of
 from uw_recon_ros.match.planes.matcher import graph_cut
 from uw_recon_ros.match.planes.motion import FrameBefore
@@ -33,6 +34,9 @@ from uw_recon_ros.types import (
     Status,
 )
 from uw_recon_ros.unseen import continued, unseen
+
+if TYPE_CHECKING:
+    from uw_recon_ros.match.stereo_network import StereoNetwork
 
 #: Standard deviation of a whole-pixel graph cut's disparity, px: rounding (0.29) and the stairs it makes of slanted
 #: surfaces; 0.37 to 0.56 on six scenes (``test/benchmark/reconstruct_defaults.py sigma --kz2``).
@@ -88,16 +92,31 @@ class MatchParams(Params):
         True,
         "Rows of the right view that lie too high or low, as the pair itself shows, are mended for graph_cut.",
     )
+    start_network: str = param(
+        "",
+        "ONNX file of a stereo network of yours that stands in for the semi-global start of graph_cut (extra "
+        "`network`); empty: none. Nothing is downloaded.",
+    )
+    start_network_values: str = param(
+        NETWORK_VALUES[0], "What that network wants gray levels from 0 to 255 to be.", choices=NETWORK_VALUES
+    )
+    start_network_output: str = param(
+        "", "Name of that network's disparity; empty: its only output as large as the images."
+    )
     match_threads: int = param(
         0, "Threads that share the work; 0: one a processor. The result does not depend on it.", low=0, high=64
     )
 
     def check_together(self) -> None:
-        """Refuse an empty range."""
+        """Refuse an empty range, and a network that is not there."""
         if self.max_disparity < self.min_disparity:
             raise ValueError(
                 f"max_disparity: expected at least min_disparity = {self.min_disparity} px, got {self.max_disparity}"
             )
+        if self.start_network and self.method != "graph_cut":
+            raise ValueError(f"start_network: expected method graph_cut, which alone starts from it, got {self.method}")
+        if self.start_network and not Path(self.start_network).is_file():
+            raise ValueError(f"start_network: expected an ONNX file, got {self.start_network!r}, which is none")
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,8 +161,8 @@ class Match:
         Raises
         ------
         EstimationError
-            An image shows nothing; no limits are given, and the images do not show them; or the views' valid windows
-            share no rows.
+            An image shows nothing; no limits are given, and the images do not show them; the views' valid windows
+            share no rows; or the user's network cannot be loaded or fails.
         """
         return self.follow(pair, None)[0]
 
@@ -188,7 +207,8 @@ class Match:
         left, right = (_along_rows(image[window.slices], vertical) for image in _scenes(pair))
         low, high = self._limits(left, right)
         mended = self._mended(left, right, low, high)
-        result = self._solve(left, mended.right, low, high, before, mended.start)
+        start = self._network_start(left, mended.right, low, high) or mended.start
+        result = self._solve(left, mended.right, low, high, before, start)
         nan = np.float32(np.nan)
         disparity, *trust = (
             paste(_as_seen(found, vertical), window, shape, nan)
@@ -211,12 +231,34 @@ class Match:
             return Mended(right, RowOffset(), None)
         return mend_rows(left, right, low, high, self._threads)
 
+    def _network_start(self, left: ByteImage, right: ByteImage, low: int, high: int) -> Beginning | None:
+        """Of the user's network, if there is one."""
+        if not self.params.start_network:
+            return None
+        from uw_recon_ros.match.network_start import begin_with  # few have one
+
+        return begin_with(self._network(), left, right, low, high, self._threads)
+
+    def _network(self) -> StereoNetwork:
+        from uw_recon_ros.match.stereo_network import load_network
+
+        given = self.params
+        return load_network(given.start_network, given.start_network_values, given.start_network_output, self._threads)
+
     @property
     def _threads(self) -> int:
         return self.params.match_threads or _processors()
 
     def warm_up(self) -> None:
-        """Have everything compiled that a call needs: a moment from the cache, half a minute the first time ever."""
+        """Have everything compiled that a call needs: a moment from the cache, half a minute the first time ever.
+
+        Raises
+        ------
+        EstimationError
+            A network is to be used, and cannot be loaded.
+        """
+        if self.params.start_network:
+            self._network()
         noise = np.random.RandomState(0).randint(0, 256, (64, 96), np.uint8)
         find_disparity_range(noise, noise)
         for image in (noise, np.dstack([noise] * 3)):

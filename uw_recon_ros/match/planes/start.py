@@ -106,11 +106,11 @@ def _start(images: tuple[View, View], limits: tuple[int, int], threads: int) -> 
     scale = width / left.gray.shape[1]
     small = math.floor(limits[0] / scale), math.ceil(limits[1] / scale)
     start = _matched(left, right, *small, threads, _levelled(left, right, *small, threads))
-    status = _compare(start.disparity, start.right, small, threads)
+    status = compare_views(start.disparity, start.right, small, threads)
     if shrink == 1:
         return start.disparity, status
     status = np.asarray(cv2.resize(status, (width, height), interpolation=cv2.INTER_NEAREST), np.uint8)
-    disparity = _enlarge(start.disparity, (width, height), scale)
+    disparity = enlarge(start.disparity, (width, height), scale)
     return np.asarray(disparity.clip(*limits), np.float32), status
 
 
@@ -130,7 +130,8 @@ def _levelled(left: View, right: View, low: int, high: int, threads: int) -> Byt
     return brightened(right.planes, by)
 
 
-def _compare(disparity: FloatImage, right: FloatImage, limits: tuple[int, int], threads: int) -> ByteImage:
+def compare_views(disparity: FloatImage, right: FloatImage, limits: tuple[int, int], threads: int) -> ByteImage:
+    """`Status` of the left view's disparities, by the right view's; see `left_right_check`."""
     status = np.empty(disparity.shape, np.uint8)
     run_parallel(
         lambda b: left_right_check(disparity, right, *limits, *b, status),
@@ -140,7 +141,7 @@ def _compare(disparity: FloatImage, right: FloatImage, limits: tuple[int, int], 
     return status
 
 
-def _enlarge(disparity: FloatImage, size: tuple[int, int], scale: float) -> FloatImage:
+def enlarge(disparity: FloatImage, size: tuple[int, int], scale: float) -> FloatImage:
     """A map for images that are `scale` times as large: between its pixels on surfaces, never across their edges."""
     spread = cv2.dilate(disparity, np.ones((3, 3))) - cv2.erode(disparity, np.ones((3, 3)))
     even = cv2.resize((spread < 1).astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) == 1
