@@ -11,7 +11,8 @@ and ``depth/image_rect``. For each camera rate:
 - rate: clouds a second;
 - latency: from the moment the player sends a pair (the middleware's source time stamp) to that of having its cloud;
 - dropped: pairs that were overtaken, in percent;
-- CPU: of each node, ms a pair it worked on, and in percent of one core;
+- CPU: of each node, ms a pair it worked on, and in percent of one core; of that the executor's thread (messages,
+  timers); what the node takes without any pairs, ms a second; page faults a pair;
 - odometry: with ``--odometry`` odometry_node runs beside them; its messages a second;
 - error: median of |Z - true Z| / true Z over the points of ``points2_filtered``, in percent.
 
@@ -54,6 +55,7 @@ NAVIGATION = HERE.parents[1] / "config" / "navigation.yaml"
 RECORDED_HZ = 10.0
 VIEWS = 6  # rendered; the bag goes through them to and fro
 WARM_S = 2.0  # after the first cloud, before anything is measured
+IDLE_S = 10.0  # without a pair
 SECOND = 1_000_000_000
 
 
@@ -136,6 +138,7 @@ def run(sea: Sea, camera_hz: float, work: Path, parameters: list[str], names: tu
         arguments = ["--ros-args", "--params-file", NAVIGATION, *parameters]
         nodes = {name: graph.start(name, *arguments).process.pid for name in names}
         graph.connected(*names, chain=[topic for topic in BETWEEN if not topic.endswith(("enhanced", "color"))])
+        idle = without_pairs(bench, nodes)
         topics = [f"/{side}/{topic}" for side in ("left", "right") for topic in ("image_raw", "camera_info")]
         player = graph.start("bag_player_node", sea.path, "--rate", camera_hz / RECORDED_HZ, "--wait-for", *topics)
         nodes["bag_player_node"] = player.process.pid
@@ -146,14 +149,28 @@ def run(sea: Sea, camera_hz: float, work: Path, parameters: list[str], names: tu
         graph.spin_until(lambda: max(heard.sent) >= last - SECOND / camera_hz, "the end of the bag")
         end, final = {name: usage(pid) for name, pid in nodes.items()}, time.time_ns()
         bench.spin_for(1.5)
-        return summary(sea, heard, (first, final), begin, end)
+        return summary(sea, heard, (first, final), begin, end, idle)
     finally:
         graph.end()
         bench.close()
 
 
+def without_pairs(bench: Bench, nodes: dict[str, int]) -> dict[str, float]:
+    """Processor time that each node takes while no image comes, ms a second."""
+    bench.spin_for(WARM_S)
+    begin, at = {name: usage(pid).cpu_s for name, pid in nodes.items()}, time.monotonic()
+    bench.spin_for(IDLE_S)
+    seconds = time.monotonic() - at
+    return {name: 1e3 * (usage(pid).cpu_s - begin[name]) / seconds for name, pid in nodes.items()}
+
+
 def summary(
-    sea: Sea, heard: Heard, window: tuple[int, int], begin: dict[str, Usage], end: dict[str, Usage]
+    sea: Sea,
+    heard: Heard,
+    window: tuple[int, int],
+    begin: dict[str, Usage],
+    end: dict[str, Usage],
+    idle: dict[str, float],
 ) -> dict[str, Any]:
     """Numbers of one run, of what was sent within `window`."""
     first, final = window
@@ -164,6 +181,8 @@ def summary(
     pairs = {name: seconds * heard.rate(name) for name in begin if name != "bag_player_node"} | {
         "bag_player_node": len(sent)
     }
+    if not latencies:
+        raise SystemExit(f"no cloud of a pair sent in these {seconds:.0f} s: the machine is busy; give more --seconds")
     gaps = np.diff(sorted(heard.clouds.values())) * 1e-9
     return {
         "seconds": seconds,
@@ -180,6 +199,9 @@ def summary(
         "nodes": {
             name: {
                 "cpu_ms_a_pair": 1e3 * (end[name].cpu_s - begin[name].cpu_s) / max(pairs[name], 1),
+                "executor_ms_a_pair": 1e3 * (end[name].executor_s - begin[name].executor_s) / max(pairs[name], 1),
+                "idle_ms_a_second": idle.get(name, 0.0),
+                "faults_a_pair": (end[name].faults - begin[name].faults) / max(pairs[name], 1),
                 "cpu_percent": 100 * (end[name].cpu_s - begin[name].cpu_s) / seconds,
                 "rss_mb": end[name].rss_mb,
                 "threads": end[name].threads,
@@ -202,7 +224,9 @@ def show(rate: float, result: dict[str, Any]) -> None:
         print(f"    odometry {result['odometry_hz']:.2f} Hz")
     for name, node in result["nodes"].items():
         print(
-            f"    {name:18s}{node['cpu_ms_a_pair']:7.1f} ms CPU a pair {node['cpu_percent']:6.1f} % of a core "
+            f"    {name:18s}{node['cpu_ms_a_pair']:7.1f} ms CPU a pair (executor {node['executor_ms_a_pair']:4.1f}; "
+            f"{node['faults_a_pair']:5.0f} page faults) {node['cpu_percent']:6.1f} % of a core "
+            f"(idle {node['idle_ms_a_second'] / 10:.1f}) "
             f"{node['rss_mb']:6.0f} MB {node['threads']:3d} threads   work: {node['work_s']}"
         )
     total, cores = (sum(node[key] for node in result["nodes"].values()) for key in ("cpu_ms_a_pair", "cpu_percent"))

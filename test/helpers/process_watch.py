@@ -23,6 +23,10 @@ class Usage:
         Resident memory, and that part of it that no other process shares (neither libraries nor segments).
     threads, files : int
         Open now.
+    executor_s : float
+        Of `cpu_s`, the main thread: messages received, timers, services.
+    faults : int
+        Pages that the kernel had to give, since its start.
     """
 
     cpu_s: float
@@ -30,6 +34,8 @@ class Usage:
     private_mb: float
     threads: int
     files: int
+    executor_s: float
+    faults: int
 
 
 def usage(pid: int) -> Usage:
@@ -43,6 +49,8 @@ def usage(pid: int) -> Usage:
             (memory.rss - memory.shared) / 1e6,
             process.num_threads(),
             process.num_fds(),
+            int(Path(f"/proc/{pid}/task/{pid}/schedstat").read_text().split()[0]) * 1e-9,
+            int(Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[7]),
         )
 
 

@@ -26,7 +26,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from uw_recon_ros import signals
-from uw_recon_ros.ros import fastdds
+from uw_recon_ros.ros import allocator, fastdds
 from uw_recon_ros.ros.node import StageNode
 from uw_recon_ros.ros.parameters import ParameterError
 
@@ -35,13 +35,14 @@ _FOR_THREADS_S = 0.5
 
 
 def start(args: Sequence[str] | None) -> None:
-    """Initialise ROS with a transport fit for images.
+    """Initialise ROS with a transport and an allocator fit for images.
 
     Raises
     ------
     ParameterError
         The ROS arguments, or the parameter file they name, are refused.
     """
+    allocator.keep_freed_memory()
     warning = fastdds.prepare()
     given = list(sys.argv if args is None else args)
     _check_files(given)
