@@ -138,7 +138,7 @@ def _sum_of_phases(phases: Phases, taps: Phases, axis: int) -> FloatArray:
 def _join(low: FloatArray, high: FloatArray, axis: int) -> FloatArray:
     low, high = (_wrapped(band, _REACH, axis) for band in (low, high))
     even, odd = (
-        _filtered(low, low_taps, axis) + _filtered(high, high_taps, axis)
+        cv2.add(_filtered(low, low_taps, axis), _filtered(high, high_taps, axis))
         for low_taps, high_taps in zip(_LOW_PHASES, _HIGH_PHASES, strict=True)
     )
     return _interleaved(even, odd, axis)
@@ -160,8 +160,10 @@ def _phases(image: FloatArray, axis: int) -> Phases:
 def _interleaved(even: FloatArray, odd: FloatArray, axis: int) -> FloatArray:
     height, width = even.shape
     if axis == 0:
-        return np.stack([even, odd], axis=1).reshape(2 * height, width)
-    joined: FloatArray = cv2.merge([even, odd])
+        joined: FloatArray = np.empty((2 * height, width), even.dtype)
+        joined[0::2], joined[1::2] = even, odd
+        return joined
+    joined = cv2.merge([even, odd])
     return joined.reshape(height, 2 * width)
 
 

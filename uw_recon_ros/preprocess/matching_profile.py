@@ -21,7 +21,7 @@ from uw_recon_ros.preprocess.filterbank import diagonal_detail
 
 _GRAY_LEVEL = 1.0 / 255.0
 _TEXTURE_LAG = 4  # px: differences at this distance are texture and noise
-_SAMPLES = 1 << 18  # pixels of an image that are looked at for that
+_SAMPLES = 1 << 17  # pixels of an image that are looked at for the channels' texture and noise
 _BORDER = 8  # px mirrored around an image that is denoised
 
 
@@ -56,7 +56,7 @@ def channel_weights(images: Sequence[FloatArray]) -> NDArray[np.float64]:
 
 
 def _texture_over_variance(planes: Sequence[FloatArray]) -> float:
-    noise = max(_noise_sigma(planes), _GRAY_LEVEL)
+    noise = max(_noise_sigma([_middle_rows(plane) for plane in planes]), _GRAY_LEVEL)
     step = max(1, planes[0].size // _SAMPLES)
     ways = [
         (now, then)
@@ -70,6 +70,13 @@ def _texture_over_variance(planes: Sequence[FloatArray]) -> float:
     squares = sum(cv2.norm(np.ascontiguousarray(now), np.ascontiguousarray(then), cv2.NORM_L2SQR) for now, then in ways)
     mean = (2 * noise**2 + squares) / (1 + sum(now.size for now, _ in ways))
     return float(np.sqrt(max(0.5 * mean - noise**2, 0.0))) / noise**2
+
+
+def _middle_rows(plane: FloatArray) -> FloatArray:
+    """So many rows around the middle that they hold `_SAMPLES` pixels."""
+    rows = min(plane.shape[0], max(1, _SAMPLES // plane.shape[1]))
+    first = (plane.shape[0] - rows) // 2
+    return plane[first : first + rows]
 
 
 def _noise_sigma(planes: Sequence[FloatArray]) -> float:
@@ -124,9 +131,8 @@ def denoise_evenly(gray: FloatArray, sigma: float, *, levels: int = 4) -> FloatA
     checked_number("sigma", sigma, 0.0, np.inf)
     if sigma == 0:
         return gray
-    bordered = _bordered(gray, levels + 1)
-    here = wavelet.wavelet_denoise(bordered, levels, sigma)
-    beside = wavelet.wavelet_denoise(np.roll(bordered, (1, 1), (0, 1)), levels, sigma)
+    here = wavelet.wavelet_denoise(_bordered(gray, levels + 1), levels, sigma)
+    beside = wavelet.wavelet_denoise(_bordered(gray, levels + 1, moved=1), levels, sigma)
     height, width = gray.shape
     mean: FloatArray = cv2.addWeighted(
         here[_BORDER : _BORDER + height, _BORDER : _BORDER + width], 0.5,
@@ -135,9 +141,9 @@ def denoise_evenly(gray: FloatArray, sigma: float, *, levels: int = 4) -> FloatA
     return mean
 
 
-def _bordered(image: FloatArray, levels: int) -> FloatArray:
-    """Mirrored by at least `_BORDER` px a side, to sizes that can be halved `levels` times."""
-    multiple = 1 << levels
-    after = [_BORDER + -(size + 2 * _BORDER) % multiple for size in image.shape]
-    bordered: FloatArray = cv2.copyMakeBorder(image, _BORDER, after[0], _BORDER, after[1], cv2.BORDER_REFLECT)
+def _bordered(image: FloatArray, levels: int, moved: int = 0) -> FloatArray:
+    """Mirrored by at least `_BORDER` px a side, less `moved`, to sizes that can be halved `levels` times."""
+    multiple, before = 1 << levels, _BORDER + moved
+    after = [_BORDER + -(size + 2 * _BORDER) % multiple - moved for size in image.shape]
+    bordered: FloatArray = cv2.copyMakeBorder(image, before, after[0], before, after[1], cv2.BORDER_REFLECT)
     return bordered

@@ -70,6 +70,8 @@ class Spectrum:
         size, core = 2 * _REACH + 1, 2 * _CORE + 1
         inner = (slice(_REACH, -_REACH), slice(_REACH, -_REACH))
         high = self.level - cv2.blur(self.padded, (size, size))[inner] > prominence_db
+        if not high.any():
+            return []
         high &= cv2.dilate(self.padded, np.ones((core, core), np.uint8))[inner] == self.level
         v, u = np.nonzero(high)
         fast = np.hypot(scipy.fft.fftfreq(self.height)[v], u / self.width) >= min_frequency
