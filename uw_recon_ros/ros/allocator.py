@@ -1,8 +1,8 @@
 """Memory freed after a pair is kept for the next one.
 
 The C library gives large blocks back to the system as soon as they are free, and takes them anew for the next image:
-every page of them is then a page fault, in which the kernel fills it with zeros. ``test/benchmark/graph_load.py`` counts
-them.
+every page of them is then a page fault, in which the kernel fills it with zeros: ``test/benchmark/graph_load.py``
+counts them.
 """
 
 from __future__ import annotations
@@ -38,4 +38,4 @@ def keep_freed_memory(environment: Mapping[str, str] | None = None) -> bool:
     if mallopt is None or any(environment.get(name) for name in _CHOSEN):
         return False
     told = ((_M_ARENA_MAX, 1), (_M_MMAP_THRESHOLD, _LARGEST_BLOCK), (_M_TRIM_THRESHOLD, _KEPT_FREE))
-    return all([mallopt(option, value) == 1 for option, value in told])
+    return all(mallopt(option, value) == 1 for option, value in told)
