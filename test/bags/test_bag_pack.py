@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.bag_makers import camera, recording
+from helpers.videos import texture, write_video
 from rosbags.highlevel import AnyReader
 
-from uw_recon_ros.bags import BagWriter, open_bag, write_bag
+from uw_recon_ros.bags import BagWriter, messages, open_bag, write_bag
+from uw_recon_ros.cli import main
 from uw_recon_ros.errors import BagError, ImageError
 from uw_recon_ros.files.images import write_image
 from uw_recon_ros.recordings.info import bag_info
@@ -37,7 +39,7 @@ def folders(root: Path, frames: int = 12, kind: str = "color8") -> tuple[str, st
     ("kind", "encoding"), [("color8", "bgr8"), ("mono8", "mono8"), ("color16", "bgr16"), ("mono16", "mono16")]
 )
 def test_bits_order_stamps_and_encoding(tmp_path: Path, kind: str, encoding: str) -> None:
-    assert pack(*folders(tmp_path, kind=kind), tmp_path / "bag", rate_hz=4.0) == 12
+    assert pack(*folders(tmp_path, kind=kind), tmp_path / "bag", rate_hz=4.0) == (12, ())
     with open_bag(tmp_path / "bag") as bag:
         pairs = list(bag.stereo_pairs())
     for i, pair in enumerate(pairs):  # frame_10 after frame_9
@@ -102,14 +104,87 @@ def test_what_cannot_be_packed(tmp_path: Path) -> None:
     left, right = folders(tmp_path, 4)
     refused(tmp_path, str(tmp_path / "nothing" / "*.png"), right, match="expected image files, found none")
     refused(tmp_path, left, left, match="expected two cameras' images, or both views in one")
-    (tmp_path / "right" / "right_3.png").rename(tmp_path / "right" / "right_4.png")
-    refused(tmp_path, left, right, match=r"left_3\.png would meet right_4\.png; is a frame missing on one side")
-    (tmp_path / "right" / "right_4.png").unlink()
-    refused(tmp_path, left, right, match="as many left as right images, got 4 .* and 3")
-    write_image(tmp_path / "right" / "right_3.png", still(0)[:6])
-    refused(tmp_path, left, right, match=r"right_3\.png: expected 16x12 px colour 8 bit as left_0\.png, got 16x6 px")
-    (tmp_path / "right" / "right_3.png").write_bytes(b"no image")
-    refused(tmp_path, left, right, match=r"right_3\.png: expected an image file: expected JPEG or PNG")
+    for path in (tmp_path / "right").iterdir():
+        path.write_bytes(b"no image")
+    refused(tmp_path, left, right, match=r"right_0\.png: expected an image file: expected JPEG or PNG")
+
+
+def packed_numbers(bag_path: Path) -> list[int]:
+    """Which stills a bag holds, by its first stamp of 1 s and two a second."""
+    with open_bag(bag_path) as bag:
+        pairs = list(bag.stereo_pairs())
+    numbers = [round((pair.stamp_ns - 10**9) / 5e8) for pair in pairs]
+    for number, pair in zip(numbers, pairs, strict=True):
+        assert np.array_equal(pair.left, still(2 * number))
+        assert np.array_equal(pair.right, still(2 * number + 1))
+    return numbers
+
+
+@pytest.mark.parametrize("bad", [0, 2])
+def test_what_can_be_packed_is_and_the_rest_is_named(tmp_path: Path, bad: int) -> None:
+    left, right = folders(tmp_path, 5)
+    (tmp_path / "right" / f"right_{bad}.png").write_bytes(b"no image")
+    write_image(tmp_path / "left" / "left_4.png", still(0)[:6])
+    packed = pack(left, right, tmp_path / "bag")
+    assert packed.pairs == 3
+    assert f"right_{bad}.png: expected an image file" in packed.left_out[0]
+    assert "left_4.png: expected 16x12 px colour 8 bit as left_" in packed.left_out[1]
+    assert packed_numbers(tmp_path / "bag") == [n for n in range(4) if n != bad]
+
+
+def test_a_first_image_of_another_size_does_not_decide_for_all(tmp_path: Path) -> None:
+    left, right = folders(tmp_path, 4)
+    write_image(tmp_path / "left" / "left_0.png", still(0)[:6])
+    packed = pack(left, right, tmp_path / "bag")
+    assert packed_numbers(tmp_path / "bag") == [1, 2, 3]
+    assert len(packed.left_out) == 1
+
+
+def test_a_still_without_a_partner_shifts_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    left, right = folders(tmp_path, 5)
+    (tmp_path / "right" / "right_1.png").unlink()
+    assert pack(left, right, tmp_path / "bag") == (4, ())
+    assert packed_numbers(tmp_path / "bag") == [0, 2, 3, 4]
+    assert "1 left stills have no partner, first left_1.png" in capsys.readouterr().err
+
+
+def test_the_command_says_what_was_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    left, right = folders(tmp_path, 3)
+    (tmp_path / "left" / "left_1.png").write_bytes(b"")
+    assert main(["pack", "--left", left, "--right", right, "-o", str(tmp_path / "bag")]) == 1
+    told = capsys.readouterr().err
+    assert "left_1.png" in told
+    assert "bag: 2 pairs, 1 LEFT OUT" in told
+    assert main(["pack", "--left", right, "--right", left, "-o", str(tmp_path / "other")]) == 1
+    (tmp_path / "left" / "left_1.png").unlink()
+    assert main(["pack", "--left", left, "--right", right, "-o", str(tmp_path / "third")]) == 0
+
+
+def test_a_damaged_video_is_packed_as_far_as_it_goes(tmp_path: Path) -> None:
+    for side, seed in (("left", 1), ("right", 2)):
+        write_video(tmp_path / f"{side}.ts", [texture(seed * 100 + n, (96, 128)) for n in range(24)])
+    data = bytearray((tmp_path / "right.ts").read_bytes())
+    middle = len(data) // 2
+    data[middle : middle + 3000] = bytes(3000)
+    (tmp_path / "right.ts").write_bytes(data)
+    packed = pack(str(tmp_path / "left.ts"), str(tmp_path / "right.ts"), tmp_path / "bag")
+    assert packed.pairs >= 10
+    assert packed.left_out
+    assert all("right" in reason for reason in packed.left_out)
+
+
+def test_a_damaged_image_in_a_bag_costs_its_pair(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "one") as bag:
+        for number in range(4):
+            for side in ("left", "right"):
+                seed = number if side == "left" else number + 50
+                message = messages.image_message(still(seed), time_ns=(1 + number) * 10**9, frame_id="cam")
+                if (number, side) == (2, "right"):
+                    message.step = 7
+                bag.message(f"/{side}/image_raw", message)
+    packed = pack(str(tmp_path / "one"), str(tmp_path / "one"), tmp_path / "bag")
+    assert packed.pairs == 3
+    assert len(packed.left_out) == 1
 
 
 def test_a_calibration_for_another_size(tmp_path: Path) -> None:
@@ -122,7 +197,7 @@ def test_independently_numbered_files_are_paired_by_order(tmp_path: Path) -> Non
         (tmp_path / side).mkdir()
         for i in range(3):
             write_image(tmp_path / side / f"{first + i}.png", still(i))
-    assert pack(str(tmp_path / "left"), str(tmp_path / "right"), tmp_path / "bag") == 3
+    assert pack(str(tmp_path / "left"), str(tmp_path / "right"), tmp_path / "bag") == (3, ())
 
 
 def test_nothing_is_overwritten_unasked(tmp_path: Path) -> None:

@@ -100,6 +100,14 @@ def test_the_calibration_beside_stills_is_judged(tmp_path: Path) -> None:
     assert "expected 240x180 px as the images, got 480x360" in info.reasons[0]
 
 
+def test_of_several_recordings_a_damaged_one_hides_no_other(tmp_path: Path) -> None:
+    write_video(tmp_path / "sound.mp4", [np.concatenate(pair, axis=1) for pair in PAIRS])
+    (tmp_path / "empty.mp4").write_bytes(b"")
+    (tmp_path / "empty.mcap").write_bytes(b"")
+    paths = [tmp_path / "empty.mp4", tmp_path / "sound.mp4", tmp_path / "empty.mcap"]
+    assert [info.reconstructable for info in inspect_recording(paths)] == [False, True, False]
+
+
 def test_a_video_has_a_verdict(tmp_path: Path) -> None:
     write_video(tmp_path / "dive.mp4", [np.concatenate(pair, axis=1) for pair in PAIRS])
     (info,) = inspect_recording(tmp_path / "dive.mp4")

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import argparse
 
-from uw_recon_ros.cli.common import OK, add_calibration, shown
+from uw_recon_ros.cli.common import FAILED, OK, add_calibration, shown
+from uw_recon_ros.progress import say
 
 HELP = "convert image folders, videos or two cameras' bags to a bag"
 DESCRIPTION = (
-    "Convert image folders, videos or the bags of two cameras to one rosbag2 bag; stills are paired in the order of "
-    "their names."
+    "Convert image folders, videos or the bags of two cameras to one rosbag2 bag; stills are paired by times in "
+    "their names or EXIF, by number, by order last."
 )
-EPILOG = None
+EPILOG = (
+    "Exit code: 0 every pair was packed; 1 some could not be, each is named and the rest is in the bag, or nothing "
+    "could be done; 2 wrong usage. Images without a partner are named and are no failure."
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,5 +35,11 @@ def run(args: argparse.Namespace) -> int:
     from uw_recon_ros.recordings.pack import pack
 
     calibration = read_calibration(args.calibration) if args.calibration else None
-    pack(args.left, args.right, args.output, calibration=calibration, rate_hz=args.rate, progress=shown("pairs"))
-    return OK
+    packed = pack(
+        args.left, args.right, args.output, calibration=calibration, rate_hz=args.rate, progress=shown("pairs")
+    )
+    for reason in packed.left_out:
+        say(f"left out: {reason}")
+    more = f", {len(packed.left_out)} LEFT OUT, see above" if packed.left_out else ""
+    say(f"{args.output}: {packed.pairs} pairs{more}")
+    return FAILED if packed.left_out else OK

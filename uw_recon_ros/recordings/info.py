@@ -62,7 +62,15 @@ def inspect_recording(
     """
     sources = find_sources([paths] if isinstance(paths, (str, Path)) else paths)
     look = {"bag": _of_bag, "stills": _of_files, "video": _of_files}
-    return [look[source.kind](source, options, calibration, images_rectified) for source in sources]
+    found = []
+    for source in sources:
+        try:
+            found.append(look[source.kind](source, options, calibration, images_rectified))
+        except ReconError as error:  # of several, the others are told of
+            if len(sources) == 1:
+                raise
+            found.append(RecordingInfo(_shown(source), 0, 0, kind=source.kind, reasons=(str(error),)))
+    return found
 
 
 def bag_info(

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
 from pathlib import Path
+from typing import NamedTuple
 
 from uw_recon_ros.bags.writer import BagWriter
-from uw_recon_ros.errors import BagError
+from uw_recon_ros.errors import BagError, ReconError
 from uw_recon_ros.progress import say
 from uw_recon_ros.recordings.folders import find_images
 from uw_recon_ros.recordings.listing import list_frames
@@ -16,11 +16,17 @@ from uw_recon_ros.recordings.options import Options
 from uw_recon_ros.recordings.pair_index import Frame, Place
 from uw_recon_ros.recordings.read import LEFT_FRAME, RIGHT_FRAME, Reader
 from uw_recon_ros.recordings.sources import Source, find_sources, is_bag, is_video, video_source
-from uw_recon_ros.recordings.stills import FIRST_NS
+from uw_recon_ros.recordings.stills import pair_stills
 from uw_recon_ros.recordings.views import list_video, list_whole
+from uw_recon_ros.topics import SIDES
 from uw_recon_ros.types import RawImage, StereoCalibration
 
-Pair = tuple[Path, Path]
+
+class Packed(NamedTuple):
+    """How many pairs a bag was written of, and why others are not in it."""
+
+    pairs: int
+    left_out: tuple[str, ...]
 
 
 def pack(
@@ -32,21 +38,21 @@ def pack(
     rate_hz: float = 2.0,
     overwrite: bool = False,
     progress: Callable[[list[Frame]], Iterable[Frame]] = iter,
-) -> int:
+) -> Packed:
     """Write a bag of image files, bits unchanged: ``/left/image_raw``, ``/right/image_raw`` and, with a calibration,
     ``/left/camera_info``, ``/right/camera_info``.
 
     Parameters
     ----------
     left, right : str
-        Glob patterns or folders of stills, sorted as people count (2 before 10) and paired by order; or videos; or bags
+        Glob patterns or folders of stills, paired as `survey` pairs them (`stills.pair_stills`); or videos; or bags
         with one camera each. The same twice: each image holds both views.
     bag : path
         Folder to make; with the suffix ``.mcap`` a bare file.
     calibration : StereoCalibration, optional
         Instead of what bags say.
     rate_hz : float
-        Pairs per second; the first stamp is 1 s.
+        Pairs per second of stills that carry no time; their first stamp is 1 s.
     overwrite : bool
         Whether to replace a bag that stands there.
     progress : callable, optional
@@ -54,15 +60,13 @@ def pack(
 
     Returns
     -------
-    int
-        Number of pairs.
+    Packed
+        Images that cannot be read, or are of another size than the rest, are left out with their partners.
 
     Raises
     ------
-    BagError
-        No files, different counts or sizes, a frame missing on one side, a name that is taken.
-    ImageError
-        A file that is no image.
+    BagError, ImageError
+        Not a single pair; a name that is taken.
     """
     if not rate_hz > 0:
         raise ValueError(f"rate_hz: expected > 0 Hz, got {rate_hz}")
@@ -71,21 +75,28 @@ def pack(
     frames = LEFT_FRAME, RIGHT_FRAME
     if calibration is not None:
         frames = calibration.left.frame_id or LEFT_FRAME, calibration.right.frame_id or RIGHT_FRAME
+    problems: list[ReconError] = []
     with closing(reader), BagWriter(bag, overwrite=overwrite) as writer:
-        first: RawImage | None = None
+        like: _Like | None = None
         for frame in progress(pairs):
-            images = reader.images(frame)
-            first = images[0] if first is None else first
-            for side, image, place, name in (
-                ("left", images[0], frame.left, frames[0]),
-                ("right", images[1], frame.right, frames[1]),
-            ):
-                _check(Path(place.name), image, Path(pairs[0].left.name), first, calibration)
+            try:
+                images = reader.images(frame)
+                like = like or _Like(frame.left.name, images[0], calibration)
+                _check(frame, images, like)
+            except ReconError as error:
+                if len(pairs) == 1:
+                    raise
+                problems.append(error)
+                like = None if len(problems) == frame.number + 1 else like  # what is wrong may be the first one
+                continue
+            for side, image, name in zip(SIDES, images, frames, strict=True):
                 writer.image(f"/{side}/image_raw", image, time_ns=frame.stamp_ns, frame_id=name)
             if calibration is not None:
                 writer.camera_info("/left/camera_info", calibration.left, time_ns=frame.stamp_ns, frame_id=frames[0])
                 writer.camera_info("/right/camera_info", calibration.right, time_ns=frame.stamp_ns, frame_id=frames[1])
-    return len(pairs)
+        if len(problems) == len(pairs):
+            raise problems[0]
+    return Packed(len(pairs) - len(problems), tuple(map(str, problems)))
 
 
 def _listed(left: str, right: str, rate_hz: float) -> tuple[list[Frame], Reader, StereoCalibration | None]:
@@ -107,49 +118,42 @@ def _listed(left: str, right: str, rate_hz: float) -> tuple[list[Frame], Reader,
         if ours == theirs:
             listed = list(list_whole(source, ours, options, notes))
         else:
-            matched = enumerate(_matched(ours, theirs, left, right))
-            stamps = ((FIRST_NS + round(n * 1e9 / rate_hz), one, other) for n, (one, other) in matched)
-            listed = [(stamp, Place(str(one), stamp), Place(str(other), stamp)) for stamp, one, other in stamps]
+            name, offset = f"{left} and {right}", options.offset_ns or 0
+            _expect_others(ours, theirs)
+            found = pair_stills(ours, theirs, name, rate_hz, offset, notes)
+            listed = [(p.stamp_ns, *_places(p.left, p.right, p.stamp_ns)) for p in found if p.left and p.right]
     for note in notes:
         say(f"note: {note}")
     return [Frame(n, 0, stamp, one, other) for n, (stamp, one, other) in enumerate(listed)], Reader([source], []), None
 
 
-def _matched(left: list[Path], right: list[Path], left_name: str, right_name: str) -> list[Pair]:
-    if len(left) != len(right):
-        raise BagError(
-            f"expected as many left as right images, got {len(left)} ({left_name}) and {len(right)} ({right_name})"
-        )
-    if {path.resolve() for path in left} & {path.resolve() for path in right}:
-        raise BagError(f"left and right name the same files, e.g. {left[0]}")
-    _check_numbering(left, right)
-    return list(zip(left, right, strict=True))
+def _places(left: Path, right: Path, stamp_ns: int) -> tuple[Place, Place]:
+    return Place(str(left), stamp_ns), Place(str(right), stamp_ns)
 
 
-def _check_numbering(left: Sequence[Path], right: Sequence[Path]) -> None:
-    """Frames numbered alike that do not line up: one is missing on either side."""
-    numbers = [[_last_number(path) for path in paths] for paths in (left, right)]
-    common = {n for n in numbers[0] if n is not None} & {n for n in numbers[1] if n is not None}
-    if 2 * len(common) < len(left):
-        return  # numbered independently
-    for a, b, number_a, number_b in zip(left, right, *numbers, strict=True):
-        if number_a != number_b:
-            raise BagError(f"pairs do not line up: {a.name} would meet {b.name}; is a frame missing on one side?")
+def _expect_others(left: Sequence[Path], right: Sequence[Path]) -> None:
+    both = {path.resolve() for path in left} & {path.resolve() for path in right}
+    if both:
+        raise BagError(f"left and right name the same files, e.g. {min(both)}")
 
 
-def _last_number(path: Path) -> int | None:
-    digits = re.findall(r"[0-9]+", path.stem)
-    return int(digits[-1]) if digits else None
+class _Like(NamedTuple):
+    """What all images of a bag are like."""
+
+    name: str
+    image: RawImage
+    calibration: StereoCalibration | None
 
 
-def _check(
-    path: Path, image: RawImage, first_path: Path, first: RawImage, calibration: StereoCalibration | None
-) -> None:
-    if image.shape != first.shape or image.dtype != first.dtype:
-        raise BagError(f"{path}: expected {_shape(first)} as {first_path.name}, got {_shape(image)}")
-    camera = calibration.left if calibration is not None else None
-    if camera is not None and (camera.height, camera.width) != image.shape[:2]:
-        raise BagError(f"{path}: expected {camera.width}x{camera.height} px as in the calibration, got {_shape(image)}")
+def _check(frame: Frame, images: tuple[RawImage, RawImage], like: _Like) -> None:
+    camera = like.calibration.left if like.calibration is not None else None
+    for place, image in zip((frame.left, frame.right), images, strict=True):
+        name = place.name if Path(place.name).is_file() else f"{place.name} at {frame.stamp_ns / 1e9:.3f} s"
+        if image.shape != like.image.shape or image.dtype != like.image.dtype:
+            raise BagError(f"{name}: expected {_shape(like.image)} as {Path(like.name).name}, got {_shape(image)}")
+        if camera is not None and (camera.height, camera.width) != image.shape[:2]:
+            size = f"{camera.width}x{camera.height}"
+            raise BagError(f"{name}: expected {size} px as in the calibration, got {_shape(image)}")
 
 
 def _shape(image: RawImage) -> str:

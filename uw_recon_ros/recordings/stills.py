@@ -158,10 +158,11 @@ def _without_times(
             f"{name}: expected as many left as right stills, got {len(left)} and {len(right)}, and neither numbers nor "
             "times in their names or EXIF tell which go together: name partners alike", Code.RECORDING_CLOCKS,
         )  # fmt: skip
-    notes.append(
-        f"{name}: paired by order alone, neither numbers nor times tell: if one is missing on either side, all after "
-        "it are wrong; name partners alike"
-    )
+    if len(left) > 1:
+        notes.append(
+            f"{name}: paired by order alone, neither numbers nor times tell: if one is missing on either side, all "
+            "after it are wrong; name partners alike"
+        )
     return list(zip(left, right, strict=True))
 
 
