@@ -152,6 +152,7 @@ class Code(str, Enum):
     TRACK_PRIORS_LEFT_OUT = "track.priors_left_out"
     TRACK_RIG_OFF = "track.rig_off"
     TRACK_SEGMENTS = "track.segments"
+    TRACK_STILL = "track.still"
     # packets of video
     VIDEO_AWAITS_KEY_FRAME = "video.awaits_key_frame"
     VIDEO_DECODE = "video.decode"

@@ -9,6 +9,7 @@ import pytest
 from helpers.bottom_frames import SECOND, bottom, pose_at, view
 
 from uw_recon_ros import rigid
+from uw_recon_ros.findings import Code
 from uw_recon_ros.locate.estimate import Located, estimate_trajectory
 from uw_recon_ros.trajectory import DisparityFrame
 from uw_recon_ros.types import Matrix
@@ -34,6 +35,7 @@ def test_a_camera_that_stands_still_stays_where_it_is() -> None:
     assert set(located.trajectory.segment) == {0}
     assert missed_m(located, poses).max() < 0.002
     assert located.applied.offset_px == located.applied.focal == 0
+    assert Code.TRACK_STILL in {finding.code for finding in located.findings}
 
 
 def in_other_light(frame: DisparityFrame) -> DisparityFrame:

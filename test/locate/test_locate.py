@@ -58,6 +58,7 @@ def test_a_line_is_a_line() -> None:
     frames, truth = dive()
     located = estimate_trajectory(frames)
     part = trajectory_errors(located.trajectory, truth).segments[0]
+    assert Code.TRACK_STILL not in codes(located)
     assert part.frames == 10
     assert part.ate_m < 0.004
     assert part.drift_percent["1 m"] < 0.8

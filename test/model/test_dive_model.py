@@ -244,6 +244,17 @@ def test_nothing_is_overwritten_unasked(survey: Path) -> None:
     assert (survey / "model" / "model.json").read_text() == "{}"
 
 
+def test_nothing_of_the_model_before_is_left(survey: Path) -> None:
+    """A cloud of another form, tiles or segments that the new model does not make would be taken for its own."""
+    place = survey / "model"
+    (place / "segment_1").mkdir(parents=True)
+    (place / "tiles").mkdir()
+    for name in ("model.json", "cloud.laz", "segment_1/mesh.ply", "tiles/0_0.glb", "my map.qgz"):
+        (place / name).write_text("{}")
+    build_quietly(survey, overwrite=True)
+    assert {path.name for path in place.iterdir()} == FILES | {"my map.qgz"}
+
+
 def test_a_full_disk_keeps_what_is_finished(survey: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(path: Path, *_: Any, **__: Any) -> None:
         raise OSError(errno.ENOSPC, "No space left on device", str(path))

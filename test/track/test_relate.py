@@ -12,7 +12,7 @@ from uw_recon_ros import rigid
 from uw_recon_ros.track.bridge import bridge, make_relief
 from uw_recon_ros.track.keypoints import Keypoints, RigError, find_keypoints, packed, points_of
 from uw_recon_ros.track.params import TrackParams
-from uw_recon_ros.track.relate import KeyPointMatches, linearise, projected, relate, rival
+from uw_recon_ros.track.relate import KeyPointMatches, linearise, projected, relate, rig_slopes, rival
 from uw_recon_ros.types import Matrix
 
 PARAMS = TrackParams()
@@ -116,7 +116,8 @@ def test_derivatives_are_those_of_differences() -> None:
             world = points_of(a, GEOMETRY, rig) @ there[:3, :3].T + there[:3, 3]
             values.append(projected(world, GEOMETRY, rig))
         expected = (rows @ ((values[1] - values[0]) / e)[..., None])[..., 0]
-        assert white.rig_slopes[..., k] == pytest.approx(expected, rel=1e-3, abs=1e-2)
+        found = white.white @ rig_slopes(there, matches, GEOMETRY, RigError())
+        assert found[..., k] == pytest.approx(expected, rel=1e-3, abs=1e-2)
 
 
 def _covariances(there: Matrix, matches: KeyPointMatches) -> Matrix:

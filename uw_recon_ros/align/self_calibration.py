@@ -9,7 +9,7 @@ import numpy as np
 
 from uw_recon_ros import rigid
 from uw_recon_ros.track.keypoints import RigError
-from uw_recon_ros.track.relate import KeyPointMatches, RelativePose, huber, linearise, refine
+from uw_recon_ros.track.relate import KeyPointMatches, RelativePose, huber, linearise, refine, rig_slopes
 from uw_recon_ros.types import Matrix, StereoGeometry
 
 _RELATIONS = 150
@@ -61,7 +61,8 @@ def _reduced(
     """Normal equations (2, 2) and (2,) of the rig's error, the motion eliminated (Schur)."""
     at = linearise(motion, matches, geometry, rig, sigma)
     weights = huber(at.squares)[:, None, None]
-    j, c, r = np.nan_to_num(at.slopes), np.nan_to_num(at.rig_slopes), np.nan_to_num(at.residuals)[..., None]
+    j, r = np.nan_to_num(at.slopes), np.nan_to_num(at.residuals)[..., None]
+    c = np.nan_to_num(at.white @ rig_slopes(motion, matches, geometry, rig))
     jj = (j.transpose(0, 2, 1) @ (weights * j)).sum(axis=0) + 1e-9 * np.eye(6)
     jc = (j.transpose(0, 2, 1) @ (weights * c)).sum(axis=0)
     cc = (c.transpose(0, 2, 1) @ (weights * c)).sum(axis=0)
@@ -97,19 +98,12 @@ def calibrate(relations: Sequence[RelativePose], geometry: StereoGeometry, sigma
     if len(usable) < 10:
         return None
     motions = [rigid.inverse(r.motion) for r in usable]
+    seen = [r.matches.unpacked() for r in usable if r.matches is not None]
     found = np.zeros(2)
     for _ in range(_ROUNDS):
         rig = RigError(float(found[0]), float(found[1]))
-        motions = [
-            refine(m, r.matches, geometry, sigma_px, rig)[0]
-            for m, r in zip(motions, usable, strict=True)
-            if r.matches is not None
-        ]
-        terms = [
-            _reduced(m, r.matches, geometry, rig, sigma_px)
-            for m, r in zip(motions, usable, strict=True)
-            if r.matches is not None
-        ]
+        motions = [refine(m, matches, geometry, sigma_px, rig)[0] for m, matches in zip(motions, seen, strict=True)]
+        terms = [_reduced(m, matches, geometry, rig, sigma_px) for m, matches in zip(motions, seen, strict=True)]
         normal = np.sum([a for a, _ in terms], axis=0) + np.diag(1 / _PRIOR**2)
         pull = np.array([b for _, b in terms])
         step = np.linalg.solve(normal, pull.sum(axis=0) - found / _PRIOR**2)
@@ -127,7 +121,7 @@ def corrected(relation: RelativePose, geometry: StereoGeometry, sigma_px: float,
     """The relation as the corrected rig gives it; a bridge stays as it is."""
     if relation.matches is None:
         return relation
-    motion, _, chi2 = refine(rigid.inverse(relation.motion), relation.matches, geometry, sigma_px, rig)
+    motion, _, chi2 = refine(rigid.inverse(relation.motion), relation.matches.unpacked(), geometry, sigma_px, rig)
     return RelativePose(
         rigid.inverse(motion), relation.covariance, relation.inliers, chi2, relation.rival, relation.matches
     )

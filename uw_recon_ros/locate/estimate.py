@@ -18,7 +18,7 @@ from uw_recon_ros.findings import Code, Finding, Severity
 from uw_recon_ros.locate.level import levelled
 from uw_recon_ros.locate.params import LocateParams
 from uw_recon_ros.locate.priors import Priors, anchors_at, fit_to, held_loosely, relative_guesses
-from uw_recon_ros.locate.visual_odometry import Link, VisualOdometry, first_poses, stretches, walk_frames
+from uw_recon_ros.locate.visual_odometry import KeypointShelf, Link, VisualOdometry, first_poses, stretches, walk_frames
 from uw_recon_ros.track.keypoints import RigError
 from uw_recon_ros.track.params import TrackParams
 from uw_recon_ros.track.relate import is_ambiguous, relate
@@ -28,6 +28,7 @@ from uw_recon_ros.types import Matrix, StereoGeometry
 _LOOP_CHI2 = 40.0  # of 6; a loop farther from the graph than this is dropped
 _PRIOR_CHI2, _PRIOR_SHARE = 40.0, 0.2  # of 6; share of the frames that may miss what is known from outside by more
 _SHORT = 3  # frames of a part that may be put between their neighbours
+_STILL_SHARE = 0.02  # of the depth, within which all positions of a camera that does not move lie
 _BEYOND_DRIFT = 0.75  # share of the footprint within which loops are sought
 
 
@@ -62,6 +63,7 @@ def estimate_trajectory(
     priors: Priors | Sequence[Priors] = (),
     params: LocateParams | None = None,
     track: TrackParams | None = None,
+    shelf: KeypointShelf | None = None,
 ) -> Located:
     """Find where the left camera was at each frame.
 
@@ -73,6 +75,8 @@ def estimate_trajectory(
         Poses, attitudes, places or depths from outside, with how sure they are.
     params : LocateParams, optional
     track : TrackParams, optional
+    shelf : KeypointShelf, optional
+        Where key points are kept, about 90 kB a frame; None: in memory.
 
     Raises
     ------
@@ -81,7 +85,7 @@ def estimate_trajectory(
     """
     chosen, tracking = params or LocateParams(), track or TrackParams()
     known = (priors,) if isinstance(priors, Priors) else tuple(priors)
-    walk = _walked(frames, known, tracking)
+    walk = _walked(frames, known, tracking, shelf)
     loops, tried = _loops(walk, chosen, tracking)
     links = [*walk.links, *loops]
     rig = calibrate([link.relation for link in links], walk.geometries[0], tracking.keypoint_sigma_px)
@@ -102,16 +106,18 @@ def estimate_trajectory(
     trajectory = _trajectory(walk, poses, solved.covariances, kept)
     missed = np.split(solved.anchor_squares, np.cumsum([len(a.index) for a in given]))[: len(known)]
     found = _findings(walk, trajectory, kept, len(links) - len(kept), rig, applied)
-    found += tuple(_prior_findings(known, missed, upright=upright))
+    found += tuple(_prior_findings(known, missed, walk.stamps_ns, upright=upright))
     numbers = _statistics(walk, trajectory, kept, len(tried), len(links) - len(kept), solved)
     numbers["priors"] = {p.name: len(squares) for p, squares in zip(known, missed, strict=True)}
     return Located(trajectory, found, numbers, tuple(kept), rig, applied)
 
 
-def _walked(frames: Iterable[DisparityFrame], priors: Sequence[Priors], tracking: TrackParams) -> VisualOdometry:
+def _walked(
+    frames: Iterable[DisparityFrame], priors: Sequence[Priors], tracking: TrackParams, shelf: KeypointShelf | None
+) -> VisualOdometry:
     """Every frame looked at once, with a guess where priors know one."""
     if not priors:
-        walk = walk_frames(frames, tracking)
+        walk = walk_frames(frames, tracking, shelf=shelf)
     else:
         stamps: list[int] = []
 
@@ -120,7 +126,7 @@ def _walked(frames: Iterable[DisparityFrame], priors: Sequence[Priors], tracking
                 stamps.append(frame.stamp_ns)
                 yield frame
 
-        walk = walk_frames(noted(), tracking, relative_guesses(stamps, priors))
+        walk = walk_frames(noted(), tracking, relative_guesses(stamps, priors), shelf)
     if not walk.stamps_ns:
         raise EstimationError("frames: expected at least one, got none", Code.TRAJECTORY)
     return walk
@@ -263,23 +269,40 @@ def _findings(
         found.append(Finding(Code.TRACK_LOOPS_DROPPED, f"{dropped} loops did not fit the others and were dropped"))
     if rig is not None and rig.applied != RigError():
         found.append(_rig_finding(rig, applied))
-    return tuple(found)
+    return (*found, *_still(walk, trajectory))
 
 
-def _prior_findings(priors: Sequence[Priors], missed: Sequence[Matrix], *, upright: bool) -> Iterator[Finding]:
+def _still(walk: VisualOdometry, trajectory: Trajectory) -> Iterator[Finding]:
+    """Whether all frames were taken from one place: a whole dive's worth of pictures that shows one view."""
+    places = trajectory.positions
+    extent = float(np.linalg.norm(np.ptp(places, axis=0)))
+    if len(places) > 1 and trajectory.segment.max() == 0 and extent < _STILL_SHARE * float(np.nanmedian(walk.depths)):
+        unit = "m" if trajectory.metric else "baselines"
+        text = f"the camera stood still: all {len(places)} frames within {extent:.2g} {unit}: the model shows one view"
+        yield Finding(Code.TRACK_STILL, text, advice="move along the bottom while recording")
+
+
+def _prior_findings(
+    priors: Sequence[Priors], missed: Sequence[Matrix], stamps_ns: Sequence[int], *, upright: bool
+) -> Iterator[Finding]:
     """What poses from outside do not tell, and those that the pictures contradict."""
     if not upright:
         text = "gravity is unknown: no attitude from outside; the bottom's plane is laid level"
         yield Finding(Code.TRACK_GRAVITY_UNKNOWN, text)
     for prior, squares in zip(priors, missed, strict=True):
         if prior.absolute and not len(squares):
-            text = f"{prior.name}: not used: none of its stamps is near a frame's"
+            spans = f"expected stamps {_span(stamps_ns)} as the frames', got {_span(prior.stamps_ns)}"
+            text = f"{prior.name}: not used: {spans}"
             yield Finding(Code.TRACK_PRIORS_LEFT_OUT, text, advice="its clock is another: give its offset")
         elif len(squares) and (far := int((squares > _PRIOR_CHI2).sum())) > _PRIOR_SHARE * len(squares):
             text = f"{prior.name}: {far} of {len(squares)} do not agree with the pictures and hardly count"
             yield Finding(
                 Code.TRACK_PRIORS_DISAGREE, text, advice="check its clock, its frame, and how sure it is said to be"
             )
+
+
+def _span(stamps_ns: Sequence[int] | NDArray[np.int64]) -> str:
+    return f"{stamps_ns[0] / 1e9:.3f} to {stamps_ns[-1] / 1e9:.3f} s" if len(stamps_ns) else "none"
 
 
 def _rig_finding(rig: RigFinding, applied: RigError) -> Finding:

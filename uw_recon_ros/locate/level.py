@@ -38,7 +38,7 @@ def _seen(poses: Matrix, links: list[Link], geometry: StereoGeometry, rig: RigEr
     found = [np.zeros((0, 3))]
     for link in links:
         if link.relation.matches is not None and link.kind == "track":
-            points = points_of(link.relation.matches.first[::4], geometry, rig)
+            points = points_of(link.relation.matches.unpacked().first[::4], geometry, rig)
             found.append(points @ poses[link.first, :3, :3].T + poses[link.first, :3, 3])
     seen: Matrix = np.concatenate(found)
     return seen

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,16 @@ from uw_recon_ros.types import Matrix, StereoGeometry
 
 _BEFORE = 3  # frames back to which a relation is sought
 _LOOP_KEYPOINTS = 600
+
+
+class KeypointShelf(Protocol):
+    """Where the key points of all frames are kept: a list, or a file where they are too many for the memory."""
+
+    def append(self, keypoints: PackedKeypoints, /) -> None:
+        """Keep those of the next frame."""
+
+    def __getitem__(self, number: int, /) -> PackedKeypoints:
+        """Those of a frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,15 +47,17 @@ class VisualOdometry:
 
     Parameters
     ----------
-    stamps_ns, keypoints, geometries, depths : lists
-        One a frame; keypoints thinned out, depths the median in m.
+    stamps_ns, geometries, depths : lists
+        One a frame; depths the median in m.
+    keypoints : KeypointShelf
+        Of each frame, thinned out.
     links : list of Link
     ambiguous : list of int
         Frames whose relation was refused, because another fitted about as well.
     """
 
     stamps_ns: list[int] = field(default_factory=list)
-    keypoints: list[PackedKeypoints] = field(default_factory=list)
+    keypoints: KeypointShelf = field(default_factory=list[PackedKeypoints])
     geometries: list[StereoGeometry] = field(default_factory=list)
     depths: list[float] = field(default_factory=list)
     links: list[Link] = field(default_factory=list)
@@ -65,11 +78,13 @@ class Walker:
     Parameters
     ----------
     params : TrackParams
+    shelf : KeypointShelf, optional
+        Empty; None: a list.
     """
 
-    def __init__(self, params: TrackParams) -> None:
+    def __init__(self, params: TrackParams, shelf: KeypointShelf | None = None) -> None:
         self.params = params
-        self.walk = VisualOdometry()
+        self.walk = VisualOdometry() if shelf is None else VisualOdometry(keypoints=shelf)
         self._before: deque[_Seen] = deque(maxlen=_BEFORE)
         self._inliers: deque[int] = deque(maxlen=10)
         self._velocity: Matrix | None = None  # motion a frame, where it is known
@@ -132,10 +147,13 @@ class Walker:
 
 
 def walk_frames(
-    frames: Iterable[DisparityFrame], params: TrackParams, priors: Iterator[Matrix | None] | None = None
+    frames: Iterable[DisparityFrame],
+    params: TrackParams,
+    priors: Iterator[Matrix | None] | None = None,
+    shelf: KeypointShelf | None = None,
 ) -> VisualOdometry:
     """Join all frames."""
-    walker = Walker(params)
+    walker = Walker(params, shelf)
     for frame in frames:
         walker.add(frame, next(priors) if priors is not None else None)
     return walker.walk

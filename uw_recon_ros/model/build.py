@@ -21,6 +21,7 @@ from uw_recon_ros.locate.priors import priors_from_trajectory
 from uw_recon_ros.model.compose import Composed, compose
 from uw_recon_ros.model.external_poses import Outside, read_outside
 from uw_recon_ros.model.kept_frames import KeptFrames
+from uw_recon_ros.model.keypoint_file import KeypointFile
 from uw_recon_ros.model.page import SegmentPart, write_model_page
 from uw_recon_ros.model.params import DiveModelParams
 from uw_recon_ros.model.work import TileTask, World
@@ -34,6 +35,10 @@ SUMMARY = "model.json"
 _LARGE_M = 10_000.0  # positions beyond are moved by an origin, in whole kilometres, before they are float32
 _HALVES = slice(0, 3), slice(3, 6)  # of a covariance: position, rotation
 _LEAST_SIGMA = 1e-3  # m, rad: nobody is surer
+_PRODUCTS = (
+    "trajectory.txt", "trajectory.csv", "mesh.ply", "mesh.glb", "cloud.ply", "cloud.laz", "orthomosaic.tif",
+    "elevation.tif", "area.tif", "slope.tif", "rugosity.tif", "tileset.json", "tiles/*.glb", PAGE,
+)  # fmt: skip
 Tell = Callable[[str], None]
 
 
@@ -75,7 +80,11 @@ def build_model(request: ModelRequest, tell: Tell) -> dict[str, Any]:
         raise ModelError(f"{place}: holds a model already: --overwrite makes it anew", Code.MODEL_EXISTS)
     outside = _outside(request, np.array(shelf.read(0).geometry.rect_from_raw_left))
     tell(f"{len(shelf.paths)} frames: estimating the trajectory")
-    located = estimate_trajectory(shelf.walk(), outside.priors)
+    try:
+        with KeypointFile(request.survey) as keypoints:
+            located = estimate_trajectory(shelf.walk(), outside.priors, shelf=keypoints)
+    except OSError as error:
+        raise _stopped(place, error) from error
     located = replace(
         located, trajectory=replace(located.trajectory, origin=outside.origin),
         findings=(*located.findings, *outside.findings),
@@ -88,7 +97,11 @@ def build_model(request: ModelRequest, tell: Tell) -> dict[str, Any]:
         world = _world(located.trajectory, outside.crs)
         return _written(place, shelf, located, parts, request, world, tell)
     except OSError as error:
-        raise ModelError(f"{place}: stopped: {explain(error)}; what is finished is kept", Code.MODEL_DISK) from error
+        raise _stopped(place, error) from error
+
+
+def _stopped(place: Path, error: OSError) -> ModelError:
+    return ModelError(f"{place}: stopped: {explain(error)}; what is finished is kept", Code.MODEL_DISK)
 
 
 def is_built(survey: str | Path) -> bool:
@@ -132,7 +145,8 @@ def _written(
     world: World, tell: Tell,
 ) -> dict[str, Any]:  # fmt: skip
     place.mkdir(exist_ok=True)
-    (place / SUMMARY).unlink(missing_ok=True)
+    if is_built(request.survey):
+        _clear(place)
     turn = shelf.read(0).geometry.rect_from_raw_left
     way = located.trajectory.turned(turn)
     write_trajectory_csv(place / "trajectory.csv", way)
@@ -154,6 +168,20 @@ def _written(
     show_model(request.survey)
     write_json(place / SUMMARY, made, durable=False)
     return made
+
+
+def _clear(place: Path) -> None:
+    """Remove a finished model, its summary first: what the next one does not make must not stand beside it.
+
+    Files of other names are somebody else's, and stay.
+    """
+    (place / SUMMARY).unlink()
+    for folder in (*place.glob("segment_*"), place):
+        for path in [path for pattern in _PRODUCTS for path in folder.glob(pattern)]:
+            path.unlink()
+        for left in (folder / "tiles", folder):
+            if left.is_dir() and left != place and not any(left.iterdir()):
+                left.rmdir()
 
 
 def _entry(composed: Composed | None, frames: int) -> dict[str, Any]:

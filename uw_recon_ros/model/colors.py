@@ -19,7 +19,7 @@ from uw_recon_ros.texturing.raster import MapGrid, heights_of, normals_of
 from uw_recon_ros.texturing.simplify import vertex_normals
 from uw_recon_ros.types import ByteImage, FloatImage, Matrix
 
-_PLACES_A_FRAME, _MOST_PLACES = 100, 200_000  # where pictures are compared
+_PLACES_A_FRAME, _MOST_PLACES = 100, 100_000  # where pictures are compared; about ten see each, at 0.5 kB a view
 _TOLERANCE = 2.0  # voxels between surface and picture's depth, beside its sigma
 
 
@@ -107,7 +107,7 @@ def _column(task: TileTask, found: Found, balance: Balance, cells_a_voxel: float
     color = np.zeros((grid.rows, grid.columns, 4), np.uint8)
     color[there] = np.c_[colors, np.where(seen, 255, 0).astype(np.uint8)][: len(cells)]
     color[color[..., 3] == 0] = 0
-    heights = heights_of(patch.vertices, patch.faces, column_grid(layout, column, 1))
+    heights = heights_of(patch.vertices, patch.faces, column_grid(layout, column, min(1.0, cells_a_voxel)))
     return {"color": color, "heights": heights, "vertex_colors": colors[len(cells) :]}
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -105,10 +107,10 @@ def _extent(columns: Keys) -> tuple[int, int]:
 
 def write_maps(task: TileTask, found: Found, colored: partial[Column], per_voxel: float) -> Mapped:
     """Write all maps from the columns."""
-    layout = found.layout
+    layout, finest = found.layout, min(1.0, per_voxel)
     color = _assembled(task, layout, colored, "color", round(_VOXELS * per_voxel))
-    heights = _assembled(task, layout, colored, "heights", _VOXELS)
-    pixel, cell = layout.voxel / per_voxel, layout.voxel
+    heights = _assembled(task, layout, colored, "heights", round(_VOXELS * finest))
+    pixel, cell = layout.voxel / per_voxel, layout.voxel / finest
     write_geotiff(
         task.folder / "orthomosaic.tif", color, _placed(task, layout, pixel), alpha=True,
         description="orthomosaic: best view of each place, RGB and mask",
@@ -120,13 +122,12 @@ def write_maps(task: TileTask, found: Found, colored: partial[Column], per_voxel
     )
     files = ["orthomosaic.tif", "elevation.tif"]
     if task.params.terrain == "yes":
-        files += _write_terrain(task, heights, place)
-    known = np.isfinite(heights)
-    covered = int(known.sum())
-    shown = sum(int((rows[..., 3] > 0).sum()) for rows in _bands(color)) / per_voxel**2
+        files += _write_terrain(task, heights, place, max(2, round(task.params.rugosity_window * finest)))
+    covered, within = _counted(heights)
+    shown = sum(int((rows[..., 3] > 0).sum()) for rows in _bands(color)) * (pixel / cell) ** 2
     return Mapped(
         tuple(files), pixel, cell, place.west, place.north, (heights.shape[0], heights.shape[1]), covered * cell**2,
-        min(1.0, shown / max(covered, 1)), covered / max(int(_within(known).sum()), 1),
+        min(1.0, shown / max(covered, 1)), covered / max(within, 1),
         _overview(color, heights, pixel, place),
     )  # fmt: skip
 
@@ -150,11 +151,23 @@ def _span(known: NDArray[np.bool_]) -> slice:
     return slice(int(where[0]), int(where[-1]) + 1) if len(where) else slice(0, len(known))
 
 
-def _within(known: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Cells between the first and the last known one of their row and of their column: what lies within the outline."""
-    rows = np.maximum.accumulate(known, axis=1) & np.maximum.accumulate(known[:, ::-1], axis=1)[:, ::-1]
-    columns = np.maximum.accumulate(known, axis=0) & np.maximum.accumulate(known[::-1], axis=0)[::-1]
-    return np.asarray(rows & columns, np.bool_)
+def _counted(heights: FloatImage) -> tuple[int, int]:
+    """How many cells are known, and how many lie within the outline: between the first and the last known one of their
+    row and of their column. Band by band, for the whole may be larger than the memory.
+    """
+    count, first, last = 0, np.full(heights.shape[1], len(heights)), np.full(heights.shape[1], -1)
+    for top, band in zip(range(0, len(heights), _AT_ONCE), _bands(heights), strict=True):
+        known = np.isfinite(band)
+        count += int(known.sum())
+        filled = np.flatnonzero(known.any(axis=0))
+        first[filled] = np.minimum(first[filled], top + known[:, filled].argmax(axis=0))
+        last[filled] = np.maximum(last[filled], top + len(band) - 1 - known[::-1, filled].argmax(axis=0))
+    within = 0
+    for top, band in zip(range(0, len(heights), _AT_ONCE), _bands(heights), strict=True):
+        known, row = np.isfinite(band), top + np.arange(len(band))[:, None]
+        inside = np.maximum.accumulate(known, axis=1) & np.maximum.accumulate(known[:, ::-1], axis=1)[:, ::-1]
+        within += int((inside & (row >= first) & (row <= last)).sum())
+    return count, within
 
 
 def _bands(raster: NDArray[Any]) -> Iterator[NDArray[Any]]:
@@ -168,14 +181,26 @@ def _placed(task: TileTask, layout: Layout, pixel: float) -> Placement:
     return Placement(float(west + origin[0]), float(north + origin[1]), pixel, task.world.crs)
 
 
+def _on_disk(path: Path, kind: np.dtype[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+    """An array in a file, mapped into memory; its room on the disk is taken first, for a write that finds none kills.
+
+    Raises
+    ------
+    OSError
+        The disk has no room for it.
+    """
+    whole: NDArray[Any] = np.lib.format.open_memmap(str(path), "w+", kind, shape)
+    with path.open("r+b") as file:
+        os.posix_fallocate(file.fileno(), 0, path.stat().st_size)
+    return whole
+
+
 def _assembled(task: TileTask, layout: Layout, colored: partial[Column], name: str, side: int) -> NDArray[Any]:
     """One part of all columns in its place, in a file that is mapped into memory."""
     columns = columns_of(layout)
     rows, across = _extent(columns)
     first = getattr(colored(columns[0]), name)
-    whole: NDArray[Any] = np.lib.format.open_memmap(
-        str(task.work / f"{name}.npy"), "w+", first.dtype, (rows * side, across * side, *first.shape[2:])
-    )
+    whole = _on_disk(task.work / f"{name}.npy", first.dtype, (rows * side, across * side, *first.shape[2:]))
     if first.dtype == np.float32:
         for band in range(0, whole.shape[0], _AT_ONCE):
             whole[band : band + _AT_ONCE] = np.nan
@@ -188,10 +213,9 @@ def _assembled(task: TileTask, layout: Layout, colored: partial[Column], name: s
     return whole
 
 
-def _write_terrain(task: TileTask, heights: FloatImage, place: Placement) -> list[str]:
-    window = max(2, task.params.rugosity_window)
+def _write_terrain(task: TileTask, heights: FloatImage, place: Placement, window: int) -> list[str]:
     parts = {
-        name: np.lib.format.open_memmap(str(task.work / f"{name}.npy"), "w+", np.float32, heights.shape)
+        name: _on_disk(task.work / f"{name}.npy", np.dtype(np.float32), heights.shape)
         for name in ("area", "slope", "rugosity")
     }
     for first, band in _with_margin(heights, window, place.pixel):

@@ -29,7 +29,7 @@ from uw_recon_ros.texturing.simplify import (
 )
 from uw_recon_ros.types import ByteImage, FloatImage, Matrix, Surface
 
-_AT_ONCE = 6_000_000  # triangles that are joined before they are simplified
+_AT_ONCE = 2_000_000  # triangles that are joined before they are simplified, at 0.4 kB each
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
@@ -11,15 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros import rigid
+from uw_recon_ros.jit import kernel
 from uw_recon_ros.track.keypoints import Keypoints, RigError, constants, points_of, thinned
 from uw_recon_ros.track.params import TrackParams
-from uw_recon_ros.types import Matrix, StereoGeometry
+from uw_recon_ros.types import FloatImage, Matrix, StereoGeometry
 
 _RANSAC_PX, _RANSAC_TURNS = 2.5, 300
 _GATE = 11.3  # chi2 of 3, 99 %
 _ROUNDS = 6
 _APART_PX = 12.0  # from the place a relation predicts: the match of another one
 _SHARED = 2.5  # measured: neighbouring key points have the matcher's errors in common
+_LEAST_SIGMA_PX = 0.05  # of a disparity: nobody is surer
 _KEPT = 200  # matches that stay with a relation
 _RIVAL_KEYPOINTS, _RIVAL_SIMILARITY = 700, 0.9
 _LEAST_RIVAL = 10  # inliers; fewer are chance
@@ -50,6 +53,29 @@ class KeyPointMatches:
         """Some of them."""
         return KeyPointMatches(self.first[which], self.second[which], self.sigma_first[which], self.sigma_second[which])
 
+    def packed(self) -> PackedMatches:
+        """For keeping, in half of the memory."""
+        rows = np.column_stack([self.first, self.second, self.sigma_first, self.sigma_second])
+        return PackedMatches(rows.astype(np.float32))
+
+
+@dataclass(frozen=True, eq=False)
+class PackedMatches:
+    """Matches that are kept for long; made by `KeyPointMatches.packed`.
+
+    Parameters
+    ----------
+    rows : (M, 8) float32
+        u, v, disparity in either, the disparities' sigmas; px.
+    """
+
+    rows: FloatImage
+
+    def unpacked(self) -> KeyPointMatches:
+        """As they were, but for rounding."""
+        rows = self.rows.astype(np.float64)
+        return KeyPointMatches(rows[:, :3], rows[:, 3:6], rows[:, 6], rows[:, 7])
+
 
 @dataclass(frozen=True, eq=False)
 class RelativePose:
@@ -66,7 +92,7 @@ class RelativePose:
         Mean square of the weighted residuals a degree of freedom; 1 is as expected.
     rival : int
         Inliers of the best other relation.
-    matches : Matches or None
+    matches : PackedMatches or None
         What it was made from, thinned out; None for a bridge.
     """
 
@@ -75,7 +101,7 @@ class RelativePose:
     inliers: int
     chi2: float = 1.0
     rival: int = 0
-    matches: KeyPointMatches | None = None
+    matches: PackedMatches | None = None
 
 
 def match_keypoints(
@@ -175,13 +201,13 @@ class Linearised:
         Measured minus predicted u, v, disparity in the second frame, in standard deviations.
     slopes : (M, 3, 6)
         By a twist on the left of second <- first.
-    rig_slopes : (M, 3, 2)
-        By the disparity's offset (px) and the relative focal length.
+    white : (M, 3, 3)
+        What px are multiplied by.
     """
 
     residuals: Matrix
     slopes: Matrix
-    rig_slopes: Matrix
+    white: Matrix
 
     @property
     def squares(self) -> Matrix:
@@ -194,32 +220,83 @@ def linearise(
     second_from_first: Matrix, matches: KeyPointMatches, geometry: StereoGeometry, error: RigError, sigma_px: float
 ) -> Linearised:
     """Residuals in u, v, d of the second frame; their covariance is the second's and the first's carried over."""
-    rotation, moved = second_from_first[:3, :3], second_from_first[:3, 3]
-    first = points_of(matches.first, geometry, error)
-    points = first @ rotation.T + moved
-    slopes = _projection_slopes(points, geometry, error)
-    back = np.linalg.inv(_projection_slopes(first, geometry, error))  # of the first's point by its u, v, d
-    carried = slopes @ rotation @ back
-    covariance = carried * _variances(matches.sigma_first, sigma_px)[:, None, :] @ carried.transpose(0, 2, 1)
-    covariance += _variances(matches.sigma_second, sigma_px)[:, :, None] * np.eye(3)
-    white = np.linalg.inv(np.linalg.cholesky(covariance))
-    residuals = matches.second - projected(points, geometry, error)
-    by_twist = slopes @ np.concatenate([np.tile(np.eye(3), (len(points), 1, 1)), -rigid.skew(points)], axis=2)
-    return Linearised(
-        (white @ residuals[..., None])[..., 0], white @ by_twist, white @ _rig_slopes(first, points, slopes, rotation,
-                                                                                     geometry, error),
+    count = len(matches.first)
+    found = Linearised(np.empty((count, 3)), np.empty((count, 3, 6)), np.zeros((count, 3, 3)))
+    lens = np.array(constants(geometry, error))
+    first, second = np.ascontiguousarray(matches.first), np.ascontiguousarray(matches.second)
+    _linearise(
+        np.ascontiguousarray(second_from_first), first, second, np.maximum(matches.sigma_first, _LEAST_SIGMA_PX),
+        np.maximum(matches.sigma_second, _LEAST_SIGMA_PX), lens, sigma_px, found.residuals, found.slopes, found.white,
     )  # fmt: skip
+    return found
 
 
-def _variances(sigma: Matrix, sigma_px: float) -> Matrix:
-    floor = np.maximum(sigma, 0.05)
-    return np.stack([np.full_like(sigma, sigma_px**2), np.full_like(sigma, sigma_px**2), floor**2], axis=1)
+@kernel(allocates=False)
+def _linearise(
+    motion: Matrix, first: Matrix, second: Matrix, sigma_first: Matrix, sigma_second: Matrix, lens: Matrix,
+    sigma_px: float, residuals: Matrix, slopes: Matrix, white: Matrix,
+) -> None:  # fmt: skip
+    """Match by match; NaN for a point behind the camera. Matrices of three rows are written out: many are small."""
+    fx, fy, cx, cy, fb, offset = lens
+    r = motion
+    for n in range(len(first)):
+        z1 = fb / (first[n, 2] + offset)
+        x1, y1 = (first[n, 0] - cx) / fx * z1, (first[n, 1] - cy) / fy * z1
+        x = r[0, 0] * x1 + r[0, 1] * y1 + r[0, 2] * z1 + r[0, 3]
+        y = r[1, 0] * x1 + r[1, 1] * y1 + r[1, 2] * z1 + r[1, 3]
+        z = r[2, 0] * x1 + r[2, 1] * y1 + r[2, 2] * z1 + r[2, 3]
+        if not z > 1e-6:
+            residuals[n] = np.nan
+            slopes[n] = np.nan
+            continue
+        # the first's sigmas as points: columns of R times the derivatives of the point by u, v, disparity
+        su, sv, sd = sigma_px * z1 / fx, sigma_px * z1 / fy, -sigma_first[n] * z1 / fb
+        a = 1.0 / z
+        c00 = c01 = c02 = c11 = c12 = c22 = 0.0
+        for k in range(3):
+            if k < 2:
+                s = su if k == 0 else sv
+                px, py, pz = r[0, k] * s, r[1, k] * s, r[2, k] * s
+            else:
+                px, py, pz = (x - r[0, 3]) * sd, (y - r[1, 3]) * sd, (z - r[2, 3]) * sd
+            u, v, d = fx * a * (px - x * a * pz), fy * a * (py - y * a * pz), -fb * a * a * pz
+            c00, c01, c02 = c00 + u * u, c01 + u * v, c02 + u * d
+            c11, c12, c22 = c11 + v * v, c12 + v * d, c22 + d * d
+        c00, c11, c22 = c00 + sigma_px * sigma_px, c11 + sigma_px * sigma_px, c22 + sigma_second[n] * sigma_second[n]
+        # Cholesky's factor, and its inverse
+        l00 = math.sqrt(c00)
+        l10, l20 = c01 / l00, c02 / l00
+        l11 = math.sqrt(c11 - l10 * l10)
+        l21 = (c12 - l20 * l10) / l11
+        l22 = math.sqrt(c22 - l20 * l20 - l21 * l21)
+        w = white[n]
+        w[0, 0], w[1, 1], w[2, 2] = 1.0 / l00, 1.0 / l11, 1.0 / l22
+        w[1, 0] = -l10 * w[0, 0] * w[1, 1]
+        w[2, 1] = -l21 * w[1, 1] * w[2, 2]
+        w[2, 0] = -(l20 * w[0, 0] + l21 * w[1, 0]) * w[2, 2]
+        missed = second[n, 0] - (fx * x * a + cx), second[n, 1] - (fy * y * a + cy), second[n, 2] - (fb * a - offset)
+        rows = (
+            (fx * a, 0.0, -fx * x * a * a), (0.0, fy * a, -fy * y * a * a), (0.0, 0.0, -fb * a * a),
+        )  # fmt: skip
+        for i in range(3):
+            residuals[n, i] = w[i, 0] * missed[0] + w[i, 1] * missed[1] + w[i, 2] * missed[2]
+            g0 = w[i, 0] * rows[0][0] + w[i, 1] * rows[1][0] + w[i, 2] * rows[2][0]
+            g1 = w[i, 0] * rows[0][1] + w[i, 1] * rows[1][1] + w[i, 2] * rows[2][1]
+            g2 = w[i, 0] * rows[0][2] + w[i, 1] * rows[1][2] + w[i, 2] * rows[2][2]
+            slopes[n, i, 0], slopes[n, i, 1], slopes[n, i, 2] = g0, g1, g2
+            slopes[n, i, 3], slopes[n, i, 4], slopes[n, i, 5] = g2 * y - g1 * z, g0 * z - g2 * x, g1 * x - g0 * y
 
 
-def _rig_slopes(
-    first: Matrix, points: Matrix, slopes: Matrix, rotation: Matrix, geometry: StereoGeometry, error: RigError
+def rig_slopes(
+    second_from_first: Matrix, matches: KeyPointMatches, geometry: StereoGeometry, error: RigError
 ) -> Matrix:
-    """(N, 3, 2) derivatives of the predicted u, v, disparity by the rig's errors; both ends depend on them."""
+    """(M, 3, 2) derivatives of the predicted u, v, disparity by the rig's offset (px) and relative focal length.
+
+    Both ends depend on them.
+    """
+    rotation, first = second_from_first[:3, :3], points_of(matches.first, geometry, error)
+    points = first @ rotation.T + second_from_first[:3, 3]
+    slopes = _projection_slopes(points, geometry, error)
     _, _, cx, cy, fb, _ = constants(geometry, error)
     by_offset = slopes @ rotation @ (-first * (first[:, 2:] / fb))[..., None]
     by_offset[:, 2, 0] -= 1.0
@@ -246,10 +323,11 @@ def refine(
     motion, rig = second_from_first, error or RigError()
     for _ in range(_ROUNDS):
         at = linearise(motion, matches, geometry, rig, sigma_px)
-        weights = huber(at.squares)[:, None, None] * np.isfinite(at.squares)[:, None, None]
-        slopes, residuals = np.nan_to_num(at.slopes), np.nan_to_num(at.residuals)
-        normal = (slopes.transpose(0, 2, 1) @ (weights * slopes)).sum(axis=0) + 1e-9 * np.eye(6)
-        step = np.linalg.solve(normal, (slopes.transpose(0, 2, 1) @ (weights * residuals[..., None])).sum(axis=0)[:, 0])
+        weights = np.repeat(huber(at.squares) * np.isfinite(at.squares), 3)
+        slopes, residuals = np.nan_to_num(at.slopes.reshape(-1, 6)), np.nan_to_num(at.residuals.ravel())
+        weighted = weights[:, None] * slopes
+        normal = weighted.T @ slopes + 1e-9 * np.eye(6)
+        step = np.linalg.solve(normal, weighted.T @ residuals)
         motion = rigid.exp(step) @ motion
         if np.abs(step).max() < 1e-9:
             break
@@ -308,7 +386,7 @@ def relation_of(
         if len(kept.first) < needed:
             return None
     thinned = kept.picked(np.arange(len(kept.first))[:: max(1, -(-len(kept.first) // _KEPT))])
-    return RelativePose(rigid.inverse(motion), covariance, len(kept.first), chi2, matches=thinned)
+    return RelativePose(rigid.inverse(motion), covariance, len(kept.first), chi2, matches=thinned.packed())
 
 
 def contradicts(found: RelativePose, guess: Matrix | None, depth_m: float, usual: Collection[int]) -> bool:
