@@ -28,6 +28,8 @@ MESSAGES += ["rosgraph-msgs", "lifecycle-msgs"]
 PAGES = ["report", "survey"]
 DASK, LAZ = ["distributed>=2024.1"], ["laspy>=2.5", "lazrs>=0.5"]
 VIDEO, NETWORK = ["av>=11"], ["onnxruntime>=1.17"]
+#: rawpy: MIT, with LibRaw (LGPL 2.1 or CDDL); pi-heif: BSD, with libheif and libde265 (LGPL), no encoder.
+RAW = ["rawpy>=0.21", "pi-heif>=0.18"]
 COMPLETION = ["argcomplete>=3"]
 MODEL = ["fast-simplification>=0.1.9", "xatlas>=0.0.9"]
 DOCS = ["sphinx>=7.2", "myst-parser>=3", "furo>=2024.1.29"]
@@ -41,6 +43,7 @@ TEST = [
     *DASK,
     *LAZ,
     *VIDEO,
+    *RAW,
     *NETWORK,
     "onnx>=1.15",
     *COMPLETION,
@@ -110,6 +113,7 @@ setup(
         "laz": LAZ,
         "model": MODEL,
         "video": VIDEO,
+        "raw": RAW,
         "network": NETWORK,
         "completion": COMPLETION,
         "test": TEST,

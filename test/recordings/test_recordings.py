@@ -315,13 +315,14 @@ def test_what_cannot_be_read_is_named(tmp_path: Path) -> None:
         (tmp_path / side).mkdir()
         for suffix in (".NEF", ".DNG", ".heic"):
             (tmp_path / side / f"DSC_1{suffix}").write_bytes(b"x" * 64)
-    with pytest.raises(ReconError, match=r"1 \.nef") as error:
-        Recording(tmp_path)
-    assert "develop" in str(error.value)
+    pytest.importorskip("rawpy", reason="raw photographs need the extra 'raw'")
+    with Recording(tmp_path) as recording, pytest.raises(ReconError, match=r"DSC_1.* 64 bytes, damaged") as error:
+        recording[0]
+    assert "\n" not in str(error.value)
     for side, image in zip(("left", "right"), PAIRS[0], strict=True):
         write_image(tmp_path / side / "1.png", image)
     with Recording(tmp_path) as recording:
-        assert any("2 .nef" in note and "develop" in note for note in recording.listing.notes)
+        assert any("not read: 2 .nef" in note for note in recording.listing.notes)
     shutil.rmtree(tmp_path / "right")
     with pytest.raises(ReconError, match="one camera's"):
         Recording(tmp_path)

@@ -18,6 +18,8 @@ from uw_recon_ros.errors import ImageError
 from uw_recon_ros.files.atomic import write_bytes
 from uw_recon_ros.files.bounded import read_bounded
 from uw_recon_ros.files.image_header import declared_size, pixels_only
+from uw_recon_ros.files.raw_photographs import SUFFIXES as PHOTOGRAPHS
+from uw_recon_ros.files.raw_photographs import photograph_size, read_photograph
 from uw_recon_ros.types import RawImage
 
 
@@ -103,15 +105,17 @@ def decode_compressed(data: Any, most_pixels: int = LARGEST_PIXELS) -> RawImage:
 
 
 def read_image(path: str | Path) -> RawImage:
-    """Read an image file as mono or RGB, 8 or 16 bits.
+    """Read an image file as mono or RGB, 8 or 16 bits; raw photographs and HEIC with the extra ``raw``.
 
     Raises
     ------
     ImageError
         It is missing, unreadable or not an image; the text names the file.
     """
+    suffix = Path(path).suffix.lower()
     try:
-        return decode_compressed(read_bounded(path, LARGEST_IMAGE_FILE, ImageError))
+        data = read_bounded(path, LARGEST_IMAGE_FILE, ImageError)
+        return read_photograph(data, suffix) if suffix in PHOTOGRAPHS else decode_compressed(data)
     except ImageError as error:
         raise _of_file(path, error) from error
 
@@ -124,8 +128,10 @@ def image_size(path: str | Path) -> tuple[int, int]:
     ImageError
         As `read_image`, as far as the header and the end of the file tell.
     """
+    suffix = Path(path).suffix.lower()
     try:
-        return declared_size(memoryview(read_bounded(path, LARGEST_IMAGE_FILE, ImageError)))
+        data = read_bounded(path, LARGEST_IMAGE_FILE, ImageError)
+        return photograph_size(data, suffix) if suffix in PHOTOGRAPHS else declared_size(memoryview(data))
     except ImageError as error:
         raise _of_file(path, error) from error
 

@@ -8,14 +8,14 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from uw_recon_ros.bags.files import natural_order
-from uw_recon_ros.errors import BagError
+from uw_recon_ros.errors import BagError, ImageError
+from uw_recon_ros.files.raw_photographs import SUFFIXES as RAW
+from uw_recon_ros.files.raw_photographs import expect_library
 from uw_recon_ros.findings import Code
 from uw_recon_ros.sides import pairs_of, partners
 from uw_recon_ros.system_errors import told_as
 
 IMAGES = frozenset((".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm", ".webp", ".jp2", ".mpo"))
-#: Files of cameras that hold what no library here opens.
-RAW = frozenset((".dng", ".nef", ".cr2", ".cr3", ".arw", ".gpr", ".orf", ".rw2", ".raf", ".heic", ".heif"))
 _DEEPEST = 4
 _MOST = 1_000_000
 
@@ -70,6 +70,11 @@ def find_images(pattern: str) -> list[Path]:
         )
         if not paths:
             raise BagError(f"{pattern}: expected image files, found {what_is_in(folder)}")
+    for suffix in sorted(RAW & {path.suffix.lower() for path in paths}):
+        try:
+            expect_library(suffix)
+        except ImageError as error:
+            raise BagError(f"{pattern}: {error}", error.code) from error
     return sorted(
         paths,
         key=lambda path: ([natural_order(Path(part)) for part in path.parent.parts], natural_order(path), str(path)),
@@ -77,13 +82,17 @@ def find_images(pattern: str) -> list[Path]:
 
 
 def images_in(folder: Path, depth: int = 0) -> list[Path]:
-    """Image files of a folder, or, where it has none, of the folders in it (``data/``, ``DCIM/100GOPRO/``)."""
+    """Image files of a folder, or, where it has none, of the folders in it (``data/``, ``DCIM/100GOPRO/``).
+
+    Raw photographs only where there are no others: cameras write both of one moment.
+    """
     children = [child for _, child in zip(range(_MOST), folder.iterdir(), strict=False)]
     here = [
         child
         for child in children
-        if child.suffix.lower() in IMAGES and child.is_file() and not child.name.startswith(".")
+        if child.suffix.lower() in IMAGES | RAW and child.is_file() and not child.name.startswith(".")
     ]
+    here = [child for child in here if child.suffix.lower() in IMAGES] or here
     if here or depth == _DEEPEST:
         return here
     return [image for child in children if child.is_dir() for image in images_in(child, depth + 1)]
@@ -100,14 +109,11 @@ def what_is_in(folder: Path) -> str:
     if not counts:
         return "none"
     told = ", ".join(f"{count} {suffix[:20]}" for suffix, count in counts.most_common(8))
-    raw = RAW & counts.keys()
-    return f"none that can be read, but {told}" + (
-        ": develop raw photographs to 16-bit TIFF or PNG first" if raw else ""
-    )
+    return f"none that can be read, but {told}"
 
 
 def raw_in(folder: Path) -> str:
-    """Raw photographs beside images that are read, for a sentence; empty where there are none."""
+    """Raw photographs beside other images, for a sentence; empty where there are none."""
     files = (path for _, path in zip(range(_MOST), folder.rglob("*"), strict=False))
     counts = Counter(path.suffix.lower() for path in files if path.suffix.lower() in RAW)
     return ", ".join(f"{count} {suffix}" for suffix, count in counts.most_common())

@@ -12,7 +12,7 @@ from uw_recon_ros.errors import BagError, ImageError
 from uw_recon_ros.files.images import read_image
 from uw_recon_ros.findings import Code
 from uw_recon_ros.recordings.clock import Clock, find_clock
-from uw_recon_ros.recordings.folders import camera_folders, find_images, flat_pairs, raw_in
+from uw_recon_ros.recordings.folders import IMAGES, camera_folders, find_images, flat_pairs, images_in, raw_in
 from uw_recon_ros.recordings.layout import LAYOUTS, find_layout, mpo_parts
 from uw_recon_ros.recordings.options import Options
 from uw_recon_ros.recordings.pair_index import Frame, Place
@@ -39,8 +39,8 @@ def list_stills(source: Source, options: Options, notes: list[str]) -> Iterator[
     path = Path(source.path)
     folders, others = camera_folders(path)
     raw = raw_in(path)
-    if raw:
-        notes.append(f"{source.name}: not read: {raw}: develop raw photographs to 16-bit TIFF or PNG first")
+    if raw and any(file.suffix.lower() in IMAGES for file in images_in(path)):
+        notes.append(f"{source.name}: also there, not read: {raw}: the other images are taken; move either away")
     if folders is not None:
         notes += [f"{source.name}: also there, not read: {other}" for other in others]
         sides = find_images(str(folders[0])), find_images(str(folders[1]))
