@@ -10,6 +10,7 @@ import os
 from importlib import import_module
 
 from uw_recon_ros import signals
+from uw_recon_ros.blas import one_blas_thread
 
 # What OpenCV thinks of a damaged image is in what it returns; on the terminal stand our own words.
 os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
@@ -17,6 +18,7 @@ os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
 
 def _run(module: str) -> None:
     signals.note()
+    one_blas_thread()
     node = import_module(f"uw_recon_ros.nodes.{module}")
     signals.leave(0 if signals.came() else node.main())
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import TYPE_CHECKING, TypeVar
 
@@ -59,12 +58,6 @@ def given_params(args: argparse.Namespace, specs: Iterable[ParamSpec]) -> dict[s
     """Those that were given, by name."""
     values = {spec.name: getattr(args, spec.name) for spec in specs}
     return {name: value for name, value in values.items() if value is not None}
-
-
-def one_blas_thread() -> None:
-    """Before numpy is loaded: on many small matrices its threads mostly wait for each other (measured: ten times)."""
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
 
 
 def shown(what: str) -> Callable[[Collection[T]], Iterable[T]]:

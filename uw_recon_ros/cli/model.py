@@ -6,7 +6,8 @@ import argparse
 import json
 import sys
 
-from uw_recon_ros.cli.common import OK, UsageError, add_params, given_params, one_blas_thread, warn
+from uw_recon_ros.blas import one_blas_thread
+from uw_recon_ros.cli.common import OK, UsageError, add_params, given_params, warn
 from uw_recon_ros.progress import say
 
 HELP = "fuse a survey into one surface model with maps"

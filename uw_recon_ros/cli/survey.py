@@ -10,6 +10,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from uw_recon_ros import signals
+from uw_recon_ros.blas import one_blas_thread
 from uw_recon_ros.cli.common import (
     FAILED,
     OK,
@@ -17,7 +18,6 @@ from uw_recon_ros.cli.common import (
     add_calibration,
     add_params,
     given_params,
-    one_blas_thread,
     pipeline_params,
     warn,
 )
