@@ -19,7 +19,7 @@ from uw_recon_ros.pipeline import PipelineParams, read_values
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "uw_recon_ros"
-NOUNS = {"", "types", "params", "errors", "images", "calibration", "pairing", "jit", "progress"}
+NOUNS = {"", "types", "params", "errors", "images", "calibration", "pairing", "jit", "blas", "progress"}
 NOUNS |= {"files", "lazy", "stopwatch", "bounds", "image_pair", "system_errors"}
 NOUNS |= {
     "evaluate",
@@ -75,7 +75,7 @@ MAY_IMPORT = {
     "survey": OFFLINE | {"survey", "recordings", "bags", "report", "messages", "warm"},
     "model": OFFLINE
     | {"survey", "recordings", "report", "bags", "track", "locate", "fuse", "texturing", "georeference", "model"},
-    "executables": {"", "signals"},
+    "executables": {"", "signals", "blas"},
     "cli": OFFLINE
     | {"cli", "pair", "warm", "bags", "recordings", "simulate", "report", "survey", "model", "doctor", "ros"}
     | {"calibrate", "calibrate_files", "measure_files", "nodes"},
