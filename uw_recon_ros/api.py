@@ -145,7 +145,7 @@ def reconstruct(
 
 def calibrate(
     source: str | Path, output: str | Path, *, square_mm: float, size: tuple[int, int] | None = None,
-    board: str = "checkerboard", medium: str = "unknown", overwrite: bool = False,
+    board: str = "checkerboard", medium: str = "unknown", lens: str = "auto", overwrite: bool = False,
 ) -> StereoCalibration:  # fmt: skip
     """Calibrate a rig with pictures of a board, as ``uw_recon calibrate`` does; the folder has the page and the files.
 
@@ -162,6 +162,8 @@ def calibrate(
     board : str
         ``checkerboard``, ``charuco``, ``aprilgrid`` or a kind of circles.
     medium : {'water', 'air', 'unknown'}
+    lens : {'auto', 'plumb_bob', 'equidistant'}
+        Model of both lenses; `auto`: the one that predicts held-out pairs better.
     overwrite : bool
 
     Raises
@@ -169,14 +171,18 @@ def calibrate(
     ReconError
         What the pictures did not allow.
     ValueError
-        The squares have no size.
+        The squares have no size, or there is no such lens.
     """
     from uw_recon_ros.calibrate_files import BoardAsked, calibrate_files
     from uw_recon_ros.files.calibrations import read_calibration
+    from uw_recon_ros.lenses import LENSES
 
     if not square_mm > 0:
         raise ValueError(f"square_mm: expected over 0, got {square_mm:g}")
-    calibrate_files(source, output, BoardAsked(board, size, square_mm / 1e3), medium=medium, overwrite=overwrite)
+    if lens not in LENSES:
+        raise ValueError(f"lens: expected one of {', '.join(LENSES)}, got {lens!r}")
+    asked = BoardAsked(board, size, square_mm / 1e3)
+    calibrate_files(source, output, asked, medium=medium, lens=lens, overwrite=overwrite)
     return read_calibration(Path(output) / "calibration.json")
 
 

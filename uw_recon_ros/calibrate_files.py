@@ -22,7 +22,7 @@ from uw_recon_ros.calibrate.bundle import SeenPair
 from uw_recon_ros.calibrate.detect import Sighting, find_board, find_checkerboard_size
 from uw_recon_ros.calibrate.fit import Fit, LeftOut, baseline_sigma, solve
 from uw_recon_ros.calibrate.markers import APRILTAGS, find_dictionary
-from uw_recon_ros.calibrate.optics import NAMES
+from uw_recon_ros.calibrate.optics import NAMES, names_of
 from uw_recon_ros.calibrate.ports import ALL_NAMES, AirRig, PortGlass, PortRig, port_findings, solve_ports
 from uw_recon_ros.calibrate.rig import RigNumbers
 from uw_recon_ros.calibrate.screen import different_ones, mirrored, sharp_ones, unseen_reason
@@ -35,6 +35,7 @@ from uw_recon_ros.files.calibrations.document import LARGEST_BYTES
 from uw_recon_ros.files.calibrations.write import write_calibration, write_camera
 from uw_recon_ros.findings import Code, Finding, Severity, worst
 from uw_recon_ros.images import to_gray
+from uw_recon_ros.lenses import AUTO, PLUMB_BOB
 from uw_recon_ros.recordings.listing import list_frames
 from uw_recon_ros.recordings.options import Options
 from uw_recon_ros.recordings.pair_index import Frame
@@ -83,16 +84,19 @@ def air_rig(path: str | Path) -> AirRig:
     """
     try:
         told = json.loads(read_bounded(Path(path), LARGEST_BYTES, CalibrationError))
-        numbers = np.array([float(told["parameters"][name]) for name in NAMES])
+        medium, unit, lens = (told[name] for name in ("medium", "parameters_unit_of_length", "distortion_model"))
+        numbers = np.array([float(told["parameters"].get(name, "nan")) for name in NAMES])
         covariance = np.array(told["covariance"], np.float64)[: len(NAMES), : len(NAMES)]
         size = int(told["image_width"]), int(told["image_height"])
         made = AirRig(numbers, covariance, float(told["noise_px"]), size)
-        medium, unit = told["medium"], told["parameters_unit_of_length"]
     except (ValueError, KeyError, TypeError) as error:
         text = f"{path}: expected calibration.json of uw_recon calibrate, got {error!r}"
         raise CalibrationError(text, Code.CALIBRATION_UNKNOWN_FORM) from error
-    if medium != "air" or unit != "m" or told["distortion_model"] != "plumb_bob":
-        text = f"{path}: expected a calibration made in air (--medium air) and in metres, got {medium}, {unit}"
+    if medium != "air" or unit != "m" or lens != PLUMB_BOB:
+        text = (
+            f"{path}: expected a calibration made in air (--medium air), in metres and with plumb_bob lenses (--lens), "
+            f"got {medium}, {unit}, {lens}"
+        )
         raise CalibrationError(text, Code.CALIBRATE_MEDIUM)
     if covariance.shape != (len(NAMES), len(NAMES)) or not (
         np.isfinite(covariance).all() and np.isfinite(numbers).all()
@@ -287,15 +291,15 @@ def _nothing_seen(last: Seen | None, board: Board, left_out: Sequence[LeftOut]) 
 
 def calibrate_frames(
     frames: Iterable[Seen], board: Board, *, metric: bool = True, medium: str = "unknown",
-    ports: PortsAsked | None = None,
+    ports: PortsAsked | None = None, lens: str = AUTO,
 ) -> Result:  # fmt: skip
     """Look for the board in pictures, and calibrate; see `calibrate_seen`."""
-    return calibrate_seen(see_boards(frames, board), board, metric=metric, medium=medium, ports=ports)
+    return calibrate_seen(see_boards(frames, board), board, metric=metric, medium=medium, ports=ports, lens=lens)
 
 
 def calibrate_seen(
     boards: tuple[Sequence[SeenPair], Sequence[LeftOut], tuple[int, int]], board: Board, *, metric: bool = True,
-    medium: str = "unknown", ports: PortsAsked | None = None,
+    medium: str = "unknown", ports: PortsAsked | None = None, lens: str = AUTO,
 ) -> Result:  # fmt: skip
     """Calibrate a rig, or find the ports before one that was calibrated in air.
 
@@ -310,6 +314,8 @@ def calibrate_seen(
         In which the pictures were taken, behind the ports if there are any.
     ports : PortsAsked or None
         The pictures were taken in water, and the ports are wanted.
+    lens : {'auto', 'plumb_bob', 'equidistant'}
+        See `calibrate.fit.solve`.
 
     Raises
     ------
@@ -323,11 +329,11 @@ def calibrate_seen(
         text = f"pictures: expected {_size(ports.air.size)} px as the calibration in air, got {_size(size)} px"
         raise CalibrationError(text, Code.CALIBRATE_SIZE_DIFFERS)
     try:
-        fit = solve_ports(different, board, *ports) if ports else solve(different, board, size)
+        fit = solve_ports(different, board, *ports) if ports else solve(different, board, size, lens)
     except CalibrationError as error:
         rest = Counter(out.reason for out in (*unseen, *blurred, *same)).most_common(1)
         raise CalibrationError(f"{error}{f'; {rest[0][1]} pairs: {rest[0][0]}' if rest else ''}", error.code) from error
-    rig = RigNumbers(fit.bundle.numbers[: len(NAMES)], size)
+    rig = RigNumbers(fit.bundle.numbers[: len(NAMES)], size, fit.lens)
     behind = PortRig(fit.bundle.numbers, ports.told, size) if ports else None
     if rig.exchanged:
         raise CalibrationError(
@@ -338,7 +344,7 @@ def calibrate_seen(
     points = board.points()
     session = describe(fit.bundle, fit.pairs, points, size)
     errors = depth_errors_by_range(behind or rig, fit.bundle.covariance) if metric else ()
-    held = None if ports else held_out(fit.bundle, fit.pairs, points, size)
+    held = None if ports else held_out(fit.bundle, fit.pairs, points, rig)
     of_ports = port_findings(fit.bundle, ports.air) if ports else tuple(_of_medium(medium))
     told = (*of_ports, *_of_scale(rig, metric, size))
     findings = (*advise(session, fit.bundle, fit.pairs, errors, held, size, held_out=not ports), *told)
@@ -377,18 +383,20 @@ def report_of(result: Result) -> dict[str, Any]:
 
     bundle, rig = result.fit.bundle, result.rig
     length = 1.0 if result.metric else float("nan")
-    names = ALL_NAMES if result.behind else NAMES
+    names = ALL_NAMES if result.behind else names_of(rig.lens)
+    used = [k for k, name in enumerate(names) if name]
+    told = [names[k] for k in used]
     return {
         "format": 1,
         "medium": result.medium,
         "image_width": result.size[0],
         "image_height": result.size[1],
-        "distortion_model": "plumb_bob",
-        "parameters": dict(zip(names, bundle.numbers.tolist(), strict=True)),
+        "distortion_model": rig.lens,
+        "parameters": dict(zip(told, bundle.numbers[used].tolist(), strict=True)),
         "parameters_unit_of_length": "m" if result.metric else "squares of the board",
-        "sigmas": dict(zip(names, np.sqrt(np.diag(bundle.covariance)).tolist(), strict=True)),
-        "covariance": bundle.covariance.tolist(),
-        "free": bundle.free.tolist(),
+        "sigmas": dict(zip(told, np.sqrt(np.diag(bundle.covariance))[used].tolist(), strict=True)),
+        "covariance": bundle.covariance[np.ix_(used, used)].tolist(),
+        "free": bundle.free[used].tolist(),
         "baseline_m": finite(length * rig.baseline_m),
         "baseline_sigma_m": finite(length * baseline_sigma(bundle)),
         "ports": vars(result.behind.ports) if result.behind else None,
@@ -424,11 +432,11 @@ def write_result(result: Result, output: Path, notes: Sequence[str] = ()) -> dic
     from uw_recon_ros.report.calibration import write_calibration_page
 
     output.mkdir(parents=True, exist_ok=True)
-    calibration, report = result.calibration, report_of(result)
+    calibration, report = result.calibration, report_of(result) | {"notes": list(notes)}
     write_camera(calibration.left, "left", output / "left.yaml")
     write_camera(calibration.right, "right", output / "right.yaml")
     write_calibration(calibration, output / "calibration.yaml")
-    write_json(output / "calibration.json", report | {"notes": list(notes)})
+    write_json(output / "calibration.json", report)
     write_calibration_page(output / "index.html", report, drawn_points(result), notes)
     return report
 
@@ -443,7 +451,8 @@ def drawn_points(result: Result) -> tuple[list[tuple[Matrix, Matrix]], list[tupl
 
 def calibrate_files(
     source: str | Path, output: str | Path, asked: BoardAsked, *, medium: str = "unknown", most_pairs: int = 150,
-    ports: PortsAsked | None = None, overwrite: bool = False, progress: Callable[[Pictures], Iterable[Seen]] = iter,
+    ports: PortsAsked | None = None, lens: str = AUTO, overwrite: bool = False,
+    progress: Callable[[Pictures], Iterable[Seen]] = iter,
 ) -> dict[str, Any]:  # fmt: skip
     """Calibrate from files into a folder; return what ``calibration.json`` holds.
 
@@ -458,6 +467,8 @@ def calibrate_files(
         Looked at, evenly spread over the input.
     ports : PortsAsked or None
         To find the ports, from pictures in water.
+    lens : {'auto', 'plumb_bob', 'equidistant'}
+        See `calibrate.fit.solve`.
     overwrite : bool
         Whether the folder may hold files already.
     progress : callable
@@ -471,6 +482,8 @@ def calibrate_files(
     output, pictures = Path(output), Pictures(source, most_pairs)
     claim_folder(output, overwrite)
     board = made_board(asked, Pictures(source, _LOOKED_AT))
-    result = calibrate_frames(progress(pictures), board, metric=asked.square_m > 0, medium=medium, ports=ports)
+    result = calibrate_frames(
+        progress(pictures), board, metric=asked.square_m > 0, medium=medium, ports=ports, lens=lens
+    )
     result = replace(result, left_out=(*pictures.unusable, *result.left_out))
     return write_result(result, output, pictures.notes)

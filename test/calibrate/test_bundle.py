@@ -132,7 +132,7 @@ def test_pairs_that_do_not_belong_are_named() -> None:
 def test_held_out_pairs_and_lengths() -> None:
     rig = rig_of(7, **LARGE)
     fit = solve(sightings(rig, 20, 7), BOARD, SIZE)
-    held = held_out(fit.bundle, fit.pairs, BOARD.points(), SIZE)
+    held = held_out(fit.bundle, fit.pairs, BOARD.points(), RigNumbers(fit.bundle.numbers, SIZE))
     assert held is not None
     assert fit.bundle.rms_px < held.rms_px < 1.2 * fit.bundle.rms_px
     assert abs(held.length_bias_percent) < 0.1

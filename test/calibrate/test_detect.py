@@ -73,3 +73,23 @@ def test_a_mirror_image_is_noticed() -> None:
     _, (shot,) = small_session(1, board=BOARDS["charuco"])
     assert mirrored(np.ascontiguousarray(shot.left[:, ::-1]), BOARDS["charuco"])
     assert not mirrored(shot.left, BOARDS["charuco"])
+
+
+@pytest.mark.skipif(not hasattr(cv2.aruco, "CharucoDetector"), reason="this OpenCV draws the old layout alone")
+@pytest.mark.parametrize("legacy", [False, True])
+def test_both_layouts_of_charuco_are_read(legacy: bool) -> None:
+    """As OpenCV itself draws them; every inner corner has the number that the board's points have."""
+    board = BOARDS["charuco"]
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_250)
+    made = cv2.aruco.CharucoBoard((8, 6), board.square_m, board.marker_side_m, dictionary)
+    if not hasattr(made, "setLegacyPattern"):
+        pytest.skip("OpenCV 4.7 has one layout")
+    made.setLegacyPattern(legacy)
+    drawn = cv2.copyMakeBorder(
+        made.generateImage((640, 480), marginSize=0), 40, 40, 40, 40, cv2.BORDER_CONSTANT, value=255
+    )
+    found = find_board(cv2.GaussianBlur(drawn, (0, 0), 1.0), board)
+    assert found is not None
+    assert found.numbers.tolist() == list(range(35))
+    true = 80 * (board.points()[:, :2] / board.square_m + 1) + 39.5
+    assert np.abs(found.pixels - true).max() < 0.5

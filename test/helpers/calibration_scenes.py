@@ -34,6 +34,19 @@ def sightings(rig: Rig, count: int, seed: int, *, noise_px: float = 0.3, tilt_ra
     return [_pair(f"{k:03}", rng, noise_px, *seen_points(rig, BOARD, pose)) for k, pose in enumerate(poses)]
 
 
+def erring_alike(pairs: list[SeenPair], rms_px: float, seed: int) -> list[SeenPair]:
+    """Pairs whose points err smoothly over each view of the board: polynomials up to the third power."""
+    rng, sides = np.random.default_rng([seed, 98]), BOARD.points()[:, :2]
+    x, y = (2 * side / side.max() - 1 for side in sides.T)
+    shapes = np.stack([x**i * y**j for i in range(4) for j in range(4 - i)], axis=1)
+    shapes /= np.sqrt((shapes**2).mean(axis=0) * shapes.shape[1])
+
+    def moved(seen: Sighting) -> Sighting:
+        return replace(seen, pixels=seen.pixels + rms_px * shapes @ rng.standard_normal((shapes.shape[1], 2)))
+
+    return [SeenPair(pair.name, moved(pair.left), moved(pair.right)) for pair in pairs]
+
+
 def _pair(name: str, rng: np.random.Generator, noise_px: float, left: Matrix, right: Matrix) -> SeenPair:
     numbers = np.arange(len(left))
     seen = (Sighting(numbers, px + noise_px * rng.standard_normal(px.shape), 1.5, 40.0) for px in (left, right))

@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros.calibrate.detect import Sighting
-from uw_recon_ros.calibrate.optics import project_left, project_right
+from uw_recon_ros.calibrate.optics import PROJECTIONS
+from uw_recon_ros.calibrate.pair_covariance import pair_covariance
+from uw_recon_ros.lenses import PLUMB_BOB
 from uw_recon_ros.types import Mask, Matrix
 
 _Slopes = tuple[Matrix, Matrix, Matrix]  # pixels, slopes by numbers, slopes by pose
@@ -54,13 +56,15 @@ class Bundle:
     poses : (P, 6) float64
         Rotation vector and translation (m), left camera from board, of every pair.
     covariance : (24, 24) float64
-        Of `numbers`; 0 for those that were held.
+        Of `numbers`, see `pair_covariance`; 0 for those that were held.
     residuals : tuple of (left, right)
         Seen minus predicted, (N, 2) px each, of every pair.
     noise_px : float
         Standard deviation of a coordinate that the residuals tell.
     free : (24,) bool
         Which numbers were solved for.
+    project : two of callable
+        Of the left and the right camera.
     """
 
     numbers: Matrix
@@ -69,6 +73,7 @@ class Bundle:
     residuals: tuple[tuple[Matrix, Matrix], ...]
     noise_px: float
     free: Mask
+    project: tuple[Project, Project]
 
     @property
     def rms_px(self) -> float:
@@ -118,7 +123,7 @@ class _Normal:
     p: Matrix
 
 
-PINHOLES: tuple[Project, Project] = (project_left, project_right)  #: the left camera and the right one
+PINHOLES: tuple[Project, Project] = PROJECTIONS[PLUMB_BOB]
 
 
 def pair_residuals(
@@ -242,43 +247,43 @@ def _solution(
     count = 2 * sum(len(side) for pair in residuals for side in pair)
     spare = max(count - int(free.sum()) - 6 * len(pairs), 1)
     noise = float(np.sqrt(sum((side**2).sum() for pair in residuals for side in pair) / spare))
-    information = known.information[np.ix_(free, free)]
-    for pose, pair in zip(poses, pairs, strict=True):
-        block, _ = _normal(numbers, pose, pair, points, free, project)
-        information = information + block.cc - block.cp @ np.linalg.pinv(block.pp) @ block.cp.T
     covariance = np.zeros((len(numbers), len(numbers)))
-    covariance[np.ix_(free, free)] = noise**2 * _inverted(information)
-    return Bundle(numbers, poses, covariance, residuals, noise, free)
+    if free.any():
+        blocks = [
+            _normal(numbers, pose, pair, points, free, project)[0] for pose, pair in zip(poses, pairs, strict=True)
+        ]
+        prior = known.information[np.ix_(free, free)]
+        covariance[np.ix_(free, free)] = pair_covariance(*_without_poses(blocks), prior, noise)
+    return Bundle(numbers, poses, covariance, residuals, noise, free, project)
 
 
-def _inverted(information: Matrix) -> Matrix:
-    """Inverse of a symmetric matrix whose rows have very different units; what is not determined becomes very large."""
-    scale = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
-    values, vectors = np.linalg.eigh(scale[:, None] * information * scale)
-    inverse = (vectors / np.maximum(values, 1e-14)) @ vectors.T
-    found: Matrix = scale[:, None] * inverse * scale
-    return found
+def _without_poses(blocks: Sequence[_Normal]) -> tuple[list[Matrix], list[Matrix]]:
+    """What each pair tells of the numbers, and how it pulls at them, when its pose may follow."""
+    inverses = [np.linalg.pinv(block.pp) for block in blocks]
+    parts = [block.cc - block.cp @ inverse @ block.cp.T for block, inverse in zip(blocks, inverses, strict=True)]
+    pulls = [block.c - block.cp @ inverse @ block.p for block, inverse in zip(blocks, inverses, strict=True)]
+    return parts, pulls
 
 
-def fit_pose(numbers: Matrix, pose: Matrix, pair: SeenPair, points: Matrix) -> tuple[Matrix, tuple[Matrix, Matrix]]:
-    """Pose of a pair with a rig that is known, and its residuals: how a pair left out of the fit is judged."""
-    nothing: NDArray[np.bool_] = np.zeros(len(numbers), np.bool_)
-    found = adjust(numbers, pose[None], [pair], points, nothing)
-    return found.poses[0], found.residuals[0]
+def unseen_residual(rig: Bundle, pose: Matrix, pair: SeenPair, points: Matrix) -> tuple[Matrix, Matrix]:
+    """Residuals of a pair with a rig that is known, its pose fitted: how a pair left out of the fit is judged."""
+    nothing: NDArray[np.bool_] = np.zeros(len(rig.numbers), np.bool_)
+    return adjust(rig.numbers, pose[None], [pair], points, nothing, project=rig.project).residuals[0]
 
 
 def without_folds(bundle: Bundle, pairs: Sequence[SeenPair], points: Matrix) -> Iterator[tuple[Bundle, range]]:
     """Solve without a fifth of the pairs, five times; each solution with the indices of the pairs it has not seen."""
     for fold in range(_FOLDS):
         kept = [k for k in range(len(pairs)) if k % _FOLDS != fold]
-        part = adjust(bundle.numbers, bundle.poses[kept], [pairs[k] for k in kept], points, bundle.free)
+        chosen = [pairs[k] for k in kept]
+        part = adjust(bundle.numbers, bundle.poses[kept], chosen, points, bundle.free, project=bundle.project)
         yield part, range(fold, len(pairs), _FOLDS)
 
 
 def unseen_residuals(bundle: Bundle, pairs: Sequence[SeenPair], points: Matrix) -> list[tuple[Matrix, Matrix]]:
     """Residuals of every pair by a solution that has not seen it."""
     return [
-        fit_pose(part.numbers, bundle.poses[k], pairs[k], points)[1]
+        unseen_residual(part, bundle.poses[k], pairs[k], points)
         for part, out in without_folds(bundle, pairs, points)
         for k in out
     ]

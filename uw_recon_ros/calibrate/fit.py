@@ -10,12 +10,21 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.board_kinds import CHECKERBOARD, CIRCLES
 from uw_recon_ros.boards import Board
-from uw_recon_ros.calibrate.bundle import LEAST_HELD_OUT, Bundle, SeenPair, adjust, rms_px, unseen_residuals
+from uw_recon_ros.calibrate.bundle import (
+    LEAST_HELD_OUT,
+    Bundle,
+    SeenPair,
+    adjust,
+    rms_px,
+    unseen_residual,
+    unseen_residuals,
+)
 from uw_recon_ros.calibrate.detect import Sighting
 from uw_recon_ros.calibrate.guess import guess_rig
-from uw_recon_ros.calibrate.optics import EXTRINSIC, NAMES, SIDES
+from uw_recon_ros.calibrate.optics import EXTRINSIC, NAMES, PROJECTIONS, SIDES
 from uw_recon_ros.errors import CalibrationError
 from uw_recon_ros.findings import Code
+from uw_recon_ros.lenses import AUTO, EQUIDISTANT, PLUMB_BOB
 from uw_recon_ros.types import Mask, Matrix
 
 LEAST_PAIRS = 4
@@ -24,8 +33,10 @@ _OUTLYING_PX = 0.5  # what no pair is left out for
 _REWEIGHTED = 8
 _ALL_ALIKE = 0.4  # least over largest weight: no pair stands out
 _SINGLE_FITS = 0.4  # share of the pair's error in either camera alone, below which the two disagree on the moment
-_K3_GAIN = 0.97  # held-out error with k3 over that without, up to which it is worth having
-_K3 = [NAMES.index("left_k3"), NAMES.index("right_k3")]
+_GAIN = 0.97  # held-out error of a richer or another model over that of the plain one, up to which it is worth having
+_WIDE = 0.9  # px off the middle over focal length
+_SHAPE = {PLUMB_BOB: (4, 5, 6, 7), EQUIDISTANT: (4, 5)}  # which of a camera's numbers bend it
+_MORE_SHAPE = {PLUMB_BOB: (8,), EQUIDISTANT: (6, 7)}
 
 
 @dataclass(frozen=True)
@@ -55,11 +66,13 @@ class Fit:
     pairs : tuple of SeenPair
         Used, in the order of the bundle.
     left_out : tuple of LeftOut
+    lens : {'plumb_bob', 'equidistant'}
     """
 
     bundle: Bundle
     pairs: tuple[SeenPair, ...]
     left_out: tuple[LeftOut, ...]
+    lens: str = PLUMB_BOB
 
 
 def ordered_alike(pair: SeenPair, board: Board) -> SeenPair:
@@ -83,7 +96,7 @@ def _orders(board: Board) -> list[NDArray[np.int64]]:
     return [np.rot90(numbers, turn).ravel() for turn in turns]
 
 
-def solve(pairs: Sequence[SeenPair], board: Board, size: tuple[int, int]) -> Fit:
+def solve(pairs: Sequence[SeenPair], board: Board, size: tuple[int, int], lens: str = PLUMB_BOB) -> Fit:
     """Solve for a rig; pairs that do not agree with the others are left out, by name.
 
     Parameters
@@ -92,26 +105,67 @@ def solve(pairs: Sequence[SeenPair], board: Board, size: tuple[int, int]) -> Fit
     board : Board
     size : (width, height)
         Of both images, px.
+    lens : {'auto', 'plumb_bob', 'equidistant'}
+        Model of both lenses; `auto`: of a wide view the one that predicts pairs it has not seen better.
 
     Raises
     ------
     CalibrationError
         Fewer than four pairs, at the beginning or in the end.
     """
+    if lens != AUTO:
+        return _solved(pairs, board, size, lens)
+    try:
+        plain = _solved(pairs, board, size, PLUMB_BOB)
+    except CalibrationError as error:
+        try:
+            return _solved(pairs, board, size, EQUIDISTANT)
+        except CalibrationError:
+            raise error from None
+    if not _wide(plain):
+        return plain
+    try:
+        wide = _solved(pairs, board, size, EQUIDISTANT)
+    except CalibrationError:
+        return plain
+    return wide if _fits_better(wide, plain, board.points()) else plain
+
+
+def _wide(fit: Fit) -> bool:
+    """Whether the board was seen so far off the axis that lenses of both kinds differ."""
+    for side, sightings in zip(SIDES, ([p.left for p in fit.pairs], [p.right for p in fit.pairs]), strict=True):
+        camera = fit.bundle.numbers[side]
+        aside = (np.concatenate([sighting.pixels for sighting in sightings]) - camera[2:4]) / camera[:2]
+        if float(np.linalg.norm(aside, axis=1).max()) > _WIDE:
+            return True
+    return False
+
+
+def _fits_better(one: Fit, other: Fit, points: Matrix) -> bool:
+    """Whether more pairs agree with it, or it predicts those it has not seen better."""
+    if len(one.pairs) != len(other.pairs):
+        return len(one.pairs) > len(other.pairs)
+    if len(one.pairs) < LEAST_HELD_OUT:
+        return one.bundle.noise_px < _GAIN * other.bundle.noise_px
+    errors = [rms_px(unseen_residuals(fit.bundle, fit.pairs, points)) for fit in (one, other)]
+    return errors[0] < _GAIN * errors[1]
+
+
+def _solved(pairs: Sequence[SeenPair], board: Board, size: tuple[int, int], lens: str) -> Fit:
     points, left_out = board.points(), list[LeftOut]()
     kept = [ordered_alike(pair, board) for pair in pairs]
     enough(kept, left_out)
-    numbers, poses = guess_rig(kept, points, size)
-    bundle = _staged(numbers, poses, kept, points)
+    bundle = _staged(*guess_rig(kept, points, size, lens), kept, points, lens)
     while True:
         bundle = _by_most(bundle, kept, points)
         wrong = _outlying(bundle)
         left_out += [_named(kept[k], bundle, k, points) for k in wrong]
         kept = [pair for k, pair in enumerate(kept) if k not in wrong]
         enough(kept, left_out)
-        bundle = adjust(bundle.numbers, np.delete(bundle.poses, wrong, axis=0), kept, points, bundle.free)
+        poses = np.delete(bundle.poses, wrong, axis=0)
+        bundle = adjust(bundle.numbers, poses, kept, points, bundle.free, project=bundle.project)
         if not wrong:
-            return Fit(_with_k3(bundle, kept, points), tuple(kept), tuple(left_out))
+            return Fit(_with_more(bundle, kept, points, lens), tuple(kept), tuple(left_out), lens)
 
 
 def without_outlying(
@@ -149,31 +203,34 @@ def enough(kept: Sequence[SeenPair], left_out: Sequence[LeftOut]) -> None:
         )
 
 
-def _free(*, middle: bool, distortion: bool, k3: bool) -> Mask:
+def _free(lens: str, *, middle: bool, shape: bool, more: bool) -> Mask:
     free = np.ones(len(NAMES), np.bool_)
     for side in SIDES:
         free[side.start + 2 : side.start + 4] = middle
-        free[side.start + 4 : side.stop] = distortion
-    free[_K3] = k3
+        free[side.start + 4 : side.stop] = False
+        free[[side.start + k for k in _SHAPE[lens]]] = shape
+        free[[side.start + k for k in _MORE_SHAPE[lens]]] = more
     return free
 
 
-def _staged(numbers: Matrix, poses: Matrix, pairs: Sequence[SeenPair], points: Matrix) -> Bundle:
+def _staged(numbers: Matrix, poses: Matrix, pairs: Sequence[SeenPair], points: Matrix, lens: str) -> Bundle:
     """First what is coarse, then the rest from there."""
-    for middle, distortion in ((False, False), (False, True), (True, True)):
-        bundle = adjust(numbers, poses, pairs, points, _free(middle=middle, distortion=distortion, k3=False))
+    for middle, shape in ((False, False), (False, True), (True, True)):
+        free = _free(lens, middle=middle, shape=shape, more=False)
+        bundle = adjust(numbers, poses, pairs, points, free, project=PROJECTIONS[lens])
         numbers, poses = bundle.numbers, bundle.poses
     return bundle
 
 
-def _with_k3(bundle: Bundle, pairs: Sequence[SeenPair], points: Matrix) -> Bundle:
-    """The solution with r^6 distortion, where that predicts pairs it has not seen better; beyond the points it sees it
-    runs away, and a better fit alone is no reason."""
+def _with_more(bundle: Bundle, pairs: Sequence[SeenPair], points: Matrix, lens: str) -> Bundle:
+    """The solution with distortion of higher powers, where that predicts pairs it has not seen better; beyond the
+    points it sees it runs away, and a better fit alone is no reason."""
     if len(pairs) < LEAST_HELD_OUT:
         return bundle
-    richer = adjust(bundle.numbers, bundle.poses, pairs, points, _free(middle=True, distortion=True, k3=True))
+    free = _free(lens, middle=True, shape=True, more=True)
+    richer = adjust(bundle.numbers, bundle.poses, pairs, points, free, project=bundle.project)
     plain, bent = (rms_px(unseen_residuals(found, pairs, points)) for found in (bundle, richer))
-    return richer if bent < _K3_GAIN * plain else bundle
+    return richer if bent < _GAIN * plain else bundle
 
 
 def _by_most(bundle: Bundle, pairs: Sequence[SeenPair], points: Matrix) -> Bundle:
@@ -183,7 +240,7 @@ def _by_most(bundle: Bundle, pairs: Sequence[SeenPair], points: Matrix) -> Bundl
         weights = 1 / (1 + (bundle.pair_rms_px / (2 * usual)) ** 2) ** 2
         if weights.min() > _ALL_ALIKE * weights.max():
             break
-        bundle = adjust(bundle.numbers, bundle.poses, pairs, points, bundle.free, weights)
+        bundle = adjust(bundle.numbers, bundle.poses, pairs, points, bundle.free, weights, project=bundle.project)
     return bundle
 
 
@@ -212,8 +269,7 @@ def _alone(bundle: Bundle, index: int, pair: SeenPair, side: str, points: Matrix
     """Error of one camera's points when the board's pose need please no other camera."""
     nothing = Sighting(np.empty(0, np.int64), np.empty((0, 2)), 0.0, 0.0)
     single = replace(pair, right=nothing) if side == "left" else replace(pair, left=nothing)
-    found = adjust(bundle.numbers, bundle.poses[index][None], [single], points, np.zeros(len(NAMES), np.bool_))
-    return found.rms_px
+    return rms_px([unseen_residual(bundle, bundle.poses[index], single, points)])
 
 
 def baseline_sigma(bundle: Bundle) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Any
 
 import cv2
@@ -22,6 +21,7 @@ DICTIONARIES = (
 APRILTAGS = "DICT_APRILTAG_36h11"
 _REFINE = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-4)
 _BESIDE_MARKERS = 0.12  # of a square: markers begin there
+_LEAST_MARKERS = 2
 _GRID_BORDER = 2  # bits of black round a tag of kalibr's AprilGrid
 
 Found = tuple[NDArray[np.int64], Matrix]
@@ -33,12 +33,13 @@ def marker_dictionary(name: str) -> Any:
     Raises
     ------
     CalibrationError
-        There is none, or this OpenCV is older than 4.7.
+        There is none, or this OpenCV reads no markers.
     """
     aruco: Any = getattr(cv2, "aruco", None)
-    if not hasattr(aruco, "CharucoDetector"):
+    if aruco is None:
         raise CalibrationError(
-            f"boards with markers: expected OpenCV 4.7 or newer, got {cv2.__version__}: use a checkerboard",
+            f"boards with markers: expected OpenCV 4.7 or newer, or opencv-contrib, got {cv2.__version__} without "
+            "aruco: use a checkerboard",
             Code.CALIBRATE_BOARD,
         )
     number = getattr(aruco, name, None)
@@ -49,25 +50,47 @@ def marker_dictionary(name: str) -> Any:
     return aruco.getPredefinedDictionary(number)
 
 
-@lru_cache(maxsize=32)
-def _charuco_detector(board: Board, legacy: bool) -> Any:
-    made = cv2.aruco.CharucoBoard(
-        (board.columns, board.rows), board.square_m, board.marker_side_m, marker_dictionary(board.dictionary)
-    )
-    made.setLegacyPattern(legacy)
-    params = cv2.aruco.DetectorParameters()
-    params.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    return cv2.aruco.CharucoDetector(made, cv2.aruco.CharucoParameters(), params)
-
-
 def find_charuco(gray: ByteImage, board: Board) -> Found | None:
-    """Inner corners between the markers that are seen; both ways of laying the first square are tried."""
-    best: Found | None = None
-    for legacy in (False, True):
-        corners, numbers, _, _ = _charuco_detector(board, legacy).detectBoard(gray)
-        if numbers is not None and len(numbers) > (0 if best is None else len(best[0])):
-            best = np.asarray(numbers, np.int64).ravel(), np.asarray(corners, np.float64).reshape(-1, 2)
-    return None if best is None else (best[0], refined(gray, best[1], _BESIDE_MARKERS))
+    """Inner corners between the markers that are seen; both ways of laying the first square are tried.
+
+    Not by OpenCV's own detector: 4.6 has another, 4.7 knows one of both layouts, 4.10 leaves corners half a pixel off.
+    """
+    corners, numbers = _detect(gray, board.dictionary, 1)
+    layouts = [_marker_places(board, first) for first in ((1, 0) if board.rows % 2 == 0 else (1,))]
+    known = numbers < min(len(layout) for layout in layouts)
+    corners, numbers = corners[known], numbers[known]
+    if len(numbers) < _LEAST_MARKERS:
+        return None
+    errors = [_plane_error(layout[numbers].reshape(-1, 2), corners.reshape(-1, 2)) for layout in layouts]
+    found = _between_markers(layouts[int(np.argmin(errors))], corners, numbers, board)
+    return None if found is None else (found[0], refined(gray, found[1], _BESIDE_MARKERS))
+
+
+def _marker_places(board: Board, first: int) -> Matrix:
+    """(M, 4, 2) corners of a ChArUco board's markers, squares, from its own corner; `first`: which square of the first
+    row has the first one."""
+    row, column = np.nonzero((np.add.outer(np.arange(board.rows), np.arange(board.columns)) + first) % 2 == 0)
+    side = board.marker_side_m / board.square_m
+    corners = (1 - side) / 2 + side * np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    places: Matrix = np.stack([column, row], axis=1)[:, None] + corners
+    return places
+
+
+def _between_markers(places: Matrix, corners: Matrix, numbers: NDArray[np.int64], board: Board) -> Found | None:
+    """Where the two markers beside each inner corner, both seen, put it on the average: a lens bends little between
+    them."""
+    columns, rows = board.grid
+    sums, counts = np.zeros((rows, columns, 2)), np.zeros((rows, columns), np.int64)
+    for marker, pixels in zip(places[numbers], corners, strict=True):
+        plane = cv2.getPerspectiveTransform(marker.astype(np.float32), pixels.astype(np.float32))
+        column, row = np.floor(marker[0]).astype(int)
+        for i, j in ((column - 1, row - 1), (column, row - 1), (column - 1, row), (column, row)):
+            if 0 <= i < columns and 0 <= j < rows:
+                x, y, scale = plane @ np.array([i + 1.0, j + 1.0, 1.0])
+                sums[j, i] += x / scale, y / scale
+                counts[j, i] += 1
+    both = np.flatnonzero(counts.ravel() == 2)
+    return (both, sums.reshape(-1, 2)[both] / 2) if len(both) else None
 
 
 def refined(gray: ByteImage, pixels: Matrix, share: float = 0.25) -> Matrix:
@@ -107,10 +130,16 @@ def find_aprilgrid(gray: ByteImage, board: Board) -> Found | None:
 
 
 def _detect(gray: ByteImage, dictionary: str, border: int) -> tuple[Matrix, NDArray[np.int64]]:
-    """(N, 4, 2) corners and (N,) numbers of markers."""
-    params = cv2.aruco.DetectorParameters()
+    """(N, 4, 2) corners and (N,) numbers of markers; not refined: OpenCV 4.6 puts some 5 px away."""
+    found = marker_dictionary(dictionary)
+    aruco: Any = cv2.aruco
+    old = not hasattr(aruco, "ArucoDetector")  # before OpenCV 4.7
+    params = aruco.DetectorParameters_create() if old else aruco.DetectorParameters()
     params.markerBorderBits = border
-    corners, numbers, _ = cv2.aruco.ArucoDetector(marker_dictionary(dictionary), params).detectMarkers(gray)
+    if old:
+        corners, numbers, _ = aruco.detectMarkers(gray, found, parameters=params)
+    else:
+        corners, numbers, _ = aruco.ArucoDetector(found, params).detectMarkers(gray)
     if numbers is None or not len(numbers):
         return np.empty((0, 4, 2)), np.empty(0, np.int64)
     return np.asarray(corners, np.float64).reshape(-1, 4, 2), np.asarray(numbers, np.int64).ravel()

@@ -8,8 +8,9 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from uw_recon_ros.calibrate.optics import EXTRINSIC, SIDES, intrinsic_matrix, project_left, project_right
+from uw_recon_ros.calibrate.optics import EXTRINSIC, PROJECTIONS, SIDES, intrinsic_matrix, shape_of
 from uw_recon_ros.calibration.stereo_pose import Lens, Parts
+from uw_recon_ros.lenses import PLUMB_BOB
 from uw_recon_ros.rectify.rectified_camera import RectifiedCamera, undistorted
 from uw_recon_ros.types import Axis, Mask, Matrix, StereoCalibration
 
@@ -41,10 +42,12 @@ class RigNumbers:
         See `calibrate.optics`.
     size : (width, height)
         Of both images, px.
+    lens : {'plumb_bob', 'equidistant'}
     """
 
     numbers: Matrix
     size: tuple[int, int]
+    lens: str = PLUMB_BOB
 
     @property
     def right_center(self) -> Matrix:
@@ -76,8 +79,8 @@ class RigNumbers:
     def calibration(self) -> StereoCalibration:
         """As ROS has it: K and D of both, R and P that rectify."""
         left, right = (
-            Lens(self.size, intrinsic_matrix(self.numbers[side]), self.numbers[side][4:].copy(), "plumb_bob", frame)
-            for side, frame in zip(SIDES, FRAMES, strict=True)
+            Lens(self.size, intrinsic_matrix(camera), shape_of(camera, self.lens), self.lens, frame)
+            for camera, frame in zip((self.numbers[side] for side in SIDES), FRAMES, strict=True)
         )
         return Parts(left, right, self._turn, self.numbers[EXTRINSIC][3:]).rig()
 
@@ -88,7 +91,7 @@ class RigNumbers:
     def common_view(self, range_m: float) -> tuple[Matrix, Matrix, Matrix]:
         """Places at a depth that both cameras see: points (N, 3) m in the left frame, and their pixels (N, 2)."""
         points, nowhere = at_range(self.calibration.left.k, self.size, range_m), np.zeros(6)
-        left, right = (project(self.numbers, nowhere, points)[0] for project in (project_left, project_right))
+        left, right = (project(self.numbers, nowhere, points)[0] for project in PROJECTIONS[self.lens])
         seen = inside(left, self.size) & inside(right, self.size)
         return points[seen], left[seen], right[seen]
 

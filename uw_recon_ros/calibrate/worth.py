@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
-from uw_recon_ros.calibrate.bundle import LEAST_HELD_OUT, Bundle, SeenPair, fit_pose, rms_px, without_folds
+from uw_recon_ros.calibrate.bundle import LEAST_HELD_OUT, Bundle, SeenPair, rms_px, unseen_residual, without_folds
 from uw_recon_ros.calibrate.rig import RigNumbers
 from uw_recon_ros.types import Matrix
 
@@ -50,7 +50,9 @@ class Locates(Protocol):
         """(N, 3) points of pixels, m."""
 
 
-def depth_sigmas(rig: Locates, covariance: Matrix, range_m: float) -> tuple[Matrix, Matrix]:
+def depth_sigmas(
+    rig: Locates, covariance: Matrix, range_m: float, seen_by: Locates | None = None
+) -> tuple[Matrix, Matrix]:
     """Relative standard deviation of depth by the calibration at places both cameras see.
 
     Parameters
@@ -58,13 +60,15 @@ def depth_sigmas(rig: Locates, covariance: Matrix, range_m: float) -> tuple[Matr
     rig : Locates
     covariance : (n, n) float64
     range_m : float
+    seen_by : Locates or None
+        The rig that tells which places both cameras see; None: the same.
 
     Returns
     -------
     (N, 3), (N,) float64
         Points in the left frame, m; sigma over depth.
     """
-    points, left, right = rig.common_view(range_m)
+    points, left, right = (seen_by or rig).common_view(range_m)
     if not len(points):
         return points, np.empty(0)
     values, vectors = np.linalg.eigh(covariance)
@@ -113,15 +117,15 @@ class HeldOut:
     pairs: int
 
 
-def held_out(bundle: Bundle, pairs: Sequence[SeenPair], points: Matrix, size: tuple[int, int]) -> HeldOut | None:
+def held_out(bundle: Bundle, pairs: Sequence[SeenPair], points: Matrix, rig: RigNumbers) -> HeldOut | None:
     """Judge every pair by a solution that has not seen it; None for fewer than eight pairs."""
     if len(pairs) < LEAST_HELD_OUT:
         return None
     misses, lengths = [], []
     for part, out in without_folds(bundle, pairs, points):
-        rig = RigNumbers(part.numbers, size)
-        misses += [fit_pose(part.numbers, bundle.poses[k], pairs[k], points)[1] for k in out]
-        lengths += [length_errors(rig, pairs[k], points) for k in out]
+        found = replace(rig, numbers=part.numbers)
+        misses += [unseen_residual(part, bundle.poses[k], pairs[k], points) for k in out]
+        lengths += [length_errors(found, pairs[k], points) for k in out]
     errors = np.concatenate(lengths)
     errors = errors[np.isfinite(errors)]
     return HeldOut(rms_px(misses), 100 * float(np.median(np.abs(errors))), 100 * float(errors.mean()), len(pairs))

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from uw_recon_ros.board_kinds import CHECKERBOARD, KINDS
 from uw_recon_ros.cli.common import OK, UsageError, warn
+from uw_recon_ros.lenses import AUTO, LENSES
 from uw_recon_ros.progress import Progress, say
 
 HELP = "calibrate a stereo rig with a board"
@@ -49,6 +50,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="unknown",
         help="medium between camera housing and board",
     )
+    parser.add_argument(
+        "--lens", choices=LENSES, default=AUTO,
+        help="model of both lenses: equidistant for a fisheye (default: the one that predicts held-out pairs better)",
+    )  # fmt: skip
     parser.add_argument(
         "--air", metavar="FILE",
         help="calibration.json made in air: find the flat ports before its cameras, from these pictures in water",
@@ -101,11 +106,13 @@ def run(args: argparse.Namespace) -> int:
     asked = BoardAsked(args.board, _size(args.size), args.square_mm / 1e3, args.marker_mm / 1e3, args.dictionary)
     report = calibrate_files(
         args.input, args.output, asked, medium=args.medium, most_pairs=args.most_pairs, ports=ports,
-        overwrite=args.overwrite,
+        lens=args.lens, overwrite=args.overwrite,
         progress=lambda frames: Progress().watch(frames, "pairs", len(frames)),
     )  # fmt: skip
     for out in report["left_out"]:
         say(f"left out: {out['name']}: {out['text']}")
+    for note in report["notes"]:
+        say(f"left out: {note}")
     warn([finding for finding in report["warnings"] if finding["severity"] != "ok"])
     for finding in report["warnings"]:
         if finding["severity"] == "ok":
@@ -121,8 +128,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _live(args: argparse.Namespace) -> int:
     """Run the node with what was told; it writes at the end."""
-    if args.input or args.air:
-        raise UsageError("--live: expected no input and no --air: pictures come from the topics")
+    if args.input or args.air or args.lens != AUTO:
+        raise UsageError("--live: expected no input, no --air and no --lens: pictures come from the topics")
 
     from uw_recon_ros.files.atomic import is_taken
 

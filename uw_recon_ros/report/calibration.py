@@ -216,9 +216,10 @@ def _rows(points: tuple[Points, Points], size: tuple[int, int], noise: float) ->
 
 def _numbers(report: Mapping[str, Any]) -> Section:
     rows = []
-    for name in ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3"):
+    names = [name.removeprefix("left_") for name in report["parameters"] if name.startswith("left_")]
+    for name in [name for name in names if f"right_{name}" in report["parameters"] and not name.startswith("lean")]:
         rows.append((name, *(_value(report, f"{side}_{name}") for side in ("left", "right"))))
-    rows.append(("baseline", _baseline(report), ""))
+    rows += [("baseline", _baseline(report), ""), ("model of the lenses", report["distortion_model"], "")]
     text = "Value and standard deviation; calibration.json has all of them with their covariance."
     return Section("Numbers", text, rows=rows, header=("", "left", "right"))
 

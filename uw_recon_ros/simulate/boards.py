@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -219,8 +220,12 @@ def _checkers(columns: int, rows: int, px: int) -> FloatImage:
 
 def _charuco(board: Board, px: int) -> FloatImage:
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
-    made = cv2.aruco.CharucoBoard((board.columns, board.rows), board.square_m, board.marker_side_m, dictionary)
-    inner = made.generateImage((board.columns * px, board.rows * px), marginSize=0, borderBits=1)
+    size, sides = (board.columns, board.rows), (board.square_m, board.marker_side_m)
+    if hasattr(cv2.aruco, "CharucoBoard_create"):  # before OpenCV 4.7; its first square is white where rows are even
+        draw = cv2.aruco.CharucoBoard_create(*size, *sides, dictionary).draw
+    else:
+        draw = cv2.aruco.CharucoBoard(size, *sides, dictionary).generateImage
+    inner = draw((board.columns * px, board.rows * px), marginSize=0, borderBits=1)
     return _framed(np.asarray(inner) > 127, board.columns, board.rows, px)
 
 
@@ -237,6 +242,8 @@ def _gap(board: Board) -> float:
 
 def _tags(board: Board, px: int) -> FloatImage:
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    aruco: Any = cv2.aruco
+    draw = getattr(aruco, "generateImageMarker", None) or aruco.drawMarker  # before OpenCV 4.7
     gap, side = _gap(board), round(board.marker_side_m / board.square_m * px)
     sheet = _sheet(board.columns + gap, board.rows + gap, px)
     for row in range(board.rows + 1):
@@ -244,7 +251,7 @@ def _tags(board: Board, px: int) -> FloatImage:
             _square(sheet, column, row, gap, px)
     for number in range(board.rows * board.columns):
         row, column = divmod(number, board.columns)
-        tag = cv2.aruco.generateImageMarker(dictionary, number, side, borderBits=2)
+        tag = draw(dictionary, number, side, borderBits=2)
         top, left = (round((at + gap + _MARGIN) * px) for at in (row, column))
         sheet[top : top + side, left : left + side] = np.where(tag > 127, _WHITE, _BLACK)
     return sheet
