@@ -33,6 +33,7 @@ NOUNS |= {
     "sides",
     "boards",
     "board_kinds",
+    "lenses",
     "mount",
 }
 NOUNS |= {"evaluate_trajectory", "evaluate_surface"}

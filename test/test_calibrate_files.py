@@ -142,3 +142,22 @@ def test_a_folder_with_results_is_not_overwritten(calibrated: Path, session: Pat
     before = read_image(session / "left" / "01.png")
     assert main(["calibrate", str(session), "-o", str(calibrated), "--size", "9x6"]) == 1
     assert np.array_equal(before, read_image(session / "left" / "01.png"))
+
+
+def test_cameras_of_two_sizes_are_one_clear_line(
+    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = _few(session, tmp_path / "in", 4)
+    for path in (folder / "right").iterdir():
+        write_image(path, read_image(path)[::2, ::2])
+    assert main(["calibrate", str(folder), "-o", str(tmp_path / "out"), "--size", "9x6", "--square-mm", "40"]) == 1
+    line = capsys.readouterr().err.splitlines()[-1]
+    assert "4 pairs could not be read" in line
+    assert "320" in line
+
+
+def test_a_shorter_folder_is_told(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = _few(session, tmp_path / "in")
+    (folder / "right" / "05.png").unlink()
+    assert main(["calibrate", str(folder), "-o", str(tmp_path / "out"), "--size", "9x6", "--square-mm", "40"]) == 0
+    assert "05.png" in capsys.readouterr().err

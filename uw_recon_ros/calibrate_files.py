@@ -20,7 +20,7 @@ from uw_recon_ros.boards import Board
 from uw_recon_ros.calibrate.advice import CalibrationSession, advise, describe
 from uw_recon_ros.calibrate.bundle import SeenPair
 from uw_recon_ros.calibrate.detect import Sighting, find_board, find_checkerboard_size
-from uw_recon_ros.calibrate.fit import Fit, LeftOut, baseline_sigma, solve
+from uw_recon_ros.calibrate.fit import LEAST_PAIRS, Fit, LeftOut, baseline_sigma, solve, turned_over
 from uw_recon_ros.calibrate.markers import APRILTAGS, find_dictionary
 from uw_recon_ros.calibrate.optics import NAMES, names_of
 from uw_recon_ros.calibrate.ports import ALL_NAMES, AirRig, PortGlass, PortRig, port_findings, solve_ports
@@ -249,17 +249,19 @@ def see_boards(frames: Iterable[Seen], board: Board) -> tuple[list[SeenPair], li
     """
     seen, left_out, sizes = list[SeenPair](), list[LeftOut](), dict[str, tuple[int, int]]()
     last: Seen | None = None
+    blind: Seen | None = None
     with ThreadPoolExecutor(2) as pool:
         for last in frames:
             found = tuple(pool.map(lambda picture: find_board(picture, board), (last.left, last.right)))
             reason = unseen_reason(*found)
             if reason is not None:
                 left_out.append(LeftOut(last.name, reason, Code.CALIBRATE_NOT_SEEN))
+                blind = blind or last
             elif isinstance(found[0], Sighting) and isinstance(found[1], Sighting):
                 seen.append(SeenPair(last.name, found[0], found[1]))
                 sizes[last.name] = last.size
-    if not seen:
-        raise _nothing_seen(last, board, left_out)
+    if len(seen) < LEAST_PAIRS and (not seen or len(left_out) > len(seen)):
+        raise _hardly_seen(blind or last, board, left_out, len(seen))
     usual = Counter(sizes.values()).most_common(1)[0][0]
     other = [pair for pair in seen if sizes[pair.name] != usual]
     left_out += [
@@ -273,18 +275,19 @@ def _size(size: tuple[int, int]) -> str:
     return f"{size[0]}x{size[1]}"
 
 
-def _nothing_seen(last: Seen | None, board: Board, left_out: Sequence[LeftOut]) -> CalibrationError:
-    if last is None:
+def _hardly_seen(blind: Seen | None, board: Board, left_out: Sequence[LeftOut], count: int) -> CalibrationError:
+    """What to say of a recording in which the board is in no pair, or in hardly any."""
+    if blind is None:
         return CalibrationError("input: expected pairs of images, got none", Code.CALIBRATE_NOT_SEEN)
-    if mirrored(last.left, board):
+    if mirrored(blind.left, board):
         return CalibrationError(
             "images are mirrored: markers are read only in their mirror image", Code.CALIBRATE_MIRRORED
         )
-    other = find_checkerboard_size(last.left) if board.kind == CHECKERBOARD else None
+    other = find_checkerboard_size(blind.left) if board.kind == CHECKERBOARD else None
     hint = f": a checkerboard of {_size(other)} inner corners is there" if other else ""
     return CalibrationError(
-        f"board: expected {board} in the images, found it in none of {len(left_out)} pairs "
-        f"({left_out[-1].reason}){hint}",
+        f"board: expected {board} in at least {LEAST_PAIRS} pairs, found it in {count or 'none'} of "
+        f"{count + len(left_out)} ({left_out[-1].reason}){hint}",
         Code.CALIBRATE_NOT_SEEN,
     )
 
@@ -331,6 +334,7 @@ def calibrate_seen(
     try:
         fit = solve_ports(different, board, *ports) if ports else solve(different, board, size, lens)
     except CalibrationError as error:
+        _raise_if_turned(different, board, size)
         rest = Counter(out.reason for out in (*unseen, *blurred, *same)).most_common(1)
         raise CalibrationError(f"{error}{f'; {rest[0][1]} pairs: {rest[0][0]}' if rest else ''}", error.code) from error
     rig = RigNumbers(fit.bundle.numbers[: len(NAMES)], size, fit.lens)
@@ -338,7 +342,7 @@ def calibrate_seen(
     if rig.exchanged:
         raise CalibrationError(
             f"left and right are exchanged: the right camera was found {1000 * rig.baseline_m:.1f} mm to the left of "
-            "the left one: exchange the folders or topics",
+            "the left one: exchange the folders or topics (or are both cameras' pictures mirrored?)",
             Code.CALIBRATE_EXCHANGED,
         )
     points = board.points()
@@ -346,11 +350,22 @@ def calibrate_seen(
     errors = depth_errors_by_range(behind or rig, fit.bundle.covariance) if metric else ()
     held = None if ports else held_out(fit.bundle, fit.pairs, points, rig)
     of_ports = port_findings(fit.bundle, ports.air) if ports else tuple(_of_medium(medium))
-    told = (*of_ports, *_of_scale(rig, metric, size))
+    try:
+        told = (*of_ports, *_of_scale(rig, metric, size))
+    except CalibrationError:
+        _raise_if_turned(different, board, size)
+        raise
     findings = (*advise(session, fit.bundle, fit.pairs, errors, held, size, held_out=not ports), *told)
     left_out = (*unseen, *blurred, *same, *fit.left_out)
     made_in = "air" if ports else medium
     return Result(board, metric, made_in, size, fit, left_out, rig, session, errors, held, findings, behind)
+
+
+def _raise_if_turned(pairs: Sequence[SeenPair], board: Board, size: tuple[int, int]) -> None:
+    way = turned_over(pairs, board, size) if len(pairs) >= LEAST_PAIRS else None
+    if way is not None:
+        text = f"the pictures of one camera are {way}: turn them back, then {len(pairs)} pairs of the board agree"
+        raise CalibrationError(text, Code.CALIBRATE_MIRRORED)
 
 
 def _of_medium(medium: str) -> Iterator[Finding]:
@@ -481,9 +496,17 @@ def calibrate_files(
     """
     output, pictures = Path(output), Pictures(source, most_pairs)
     claim_folder(output, overwrite)
-    board = made_board(asked, Pictures(source, _LOOKED_AT))
-    result = calibrate_frames(
-        progress(pictures), board, metric=asked.square_m > 0, medium=medium, ports=ports, lens=lens
-    )
+    first = Pictures(source, _LOOKED_AT)
+    try:
+        board = made_board(asked, first)
+        result = calibrate_frames(
+            progress(pictures), board, metric=asked.square_m > 0, medium=medium, ports=ports, lens=lens
+        )
+    except CalibrationError as error:
+        unread = pictures.unusable or first.unusable
+        if not unread:
+            raise
+        text = f"{error}; {len(unread)} pairs could not be read, the first, {unread[0].name}: {unread[0].reason}"
+        raise CalibrationError(text, error.code) from error
     result = replace(result, left_out=(*pictures.unusable, *result.left_out))
     return write_result(result, output, pictures.notes)

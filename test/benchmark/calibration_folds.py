@@ -1,7 +1,7 @@
 """A real session of a board judged on pairs that the calibration has not seen.
 
 ``python test/benchmark/calibration_folds.py FOLDER --size 8x6 --square-mm 25.4 [--splits 20] [--fitted 7]``: FOLDER
-holds the stills of both cameras. Pairs are drawn for the fit, and the boards of the others measured by stereo: distances
+holds the stills of both cameras. Pairs are drawn for the fit, and the boards of the others measured by stereo: lengths
 across them against the squares, and the depth of their points against that of the board's own pose in the left camera,
 whose scale comes from the squares and not from the baseline. Then one pair at a time is left out: the jackknife's
 standard deviation of the baseline, beside the one that is stated.

@@ -120,7 +120,7 @@ def _tilt(session: CalibrationSession) -> Iterator[Finding]:
     mean = float(session.tilt_deg.mean())
     if mean < _TILTED_DEG:
         text = (
-            f"board nearly parallel to the cameras: expected a mean tilt of {_TILTED_DEG:.0f} degrees, got {mean:.0f}"
+            f"board nearly parallel to the cameras: expected a mean tilt of {_TILTED_DEG:.0f} degrees, got {mean:.1f}"
         )
         yield Finding(Code.CALIBRATE_FLAT, text, Severity.WARN, "tilt the board by 20 to 40 degrees, to all sides")
 

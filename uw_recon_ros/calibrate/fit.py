@@ -31,6 +31,7 @@ LEAST_PAIRS = 4
 _OUTLYING = 3.0  # times the median error of a pair
 _OUTLYING_PX = 0.5  # what no pair is left out for
 _REWEIGHTED = 8
+_MOST_AGREE, _AGREE_PX = 0.8, 1.0  # of the pairs, and how well, for pictures that were turned over
 _ALL_ALIKE = 0.4  # least over largest weight: no pair stands out
 _SINGLE_FITS = 0.4  # share of the pair's error in either camera alone, below which the two disagree on the moment
 _GAIN = 0.97  # held-out error of a richer or another model over that of the plain one, up to which it is worth having
@@ -129,6 +130,43 @@ def solve(pairs: Sequence[SeenPair], board: Board, size: tuple[int, int], lens: 
     except CalibrationError:
         return plain
     return wide if _fits_better(wide, plain, board.points()) else plain
+
+
+def turned_over(pairs: Sequence[SeenPair], board: Board, size: tuple[int, int]) -> str | None:
+    """How the right camera's pictures are turned against the left one's, where that alone keeps pairs from agreeing.
+
+    Only of boards without markers, which are found in a mirror image too.
+
+    Parameters
+    ----------
+    pairs : sequence of SeenPair
+    board : Board
+    size : (width, height)
+        Of both images, px.
+
+    Returns
+    -------
+    str or None
+        ``mirrored`` or ``upside down``; None: neither explains them.
+    """
+    if board.kind not in (CHECKERBOARD, CIRCLES):
+        return None
+    columns, rows = board.grid
+    numbers, edge = np.arange(columns * rows).reshape(rows, columns), np.array(size) - 1.0
+    ways = {
+        "mirrored": (numbers[:, ::-1].ravel(), np.array([-1.0, 1.0])),
+        "upside down": (numbers[::-1, ::-1].ravel(), np.array([-1.0, -1.0])),
+    }
+    for way, (order, signs) in ways.items():
+        places = [np.where(signs < 0, edge - pair.right.pixels, pair.right.pixels)[order] for pair in pairs]
+        changed = [replace(pair, right=replace(pair.right, pixels=px)) for pair, px in zip(pairs, places, strict=True)]
+        try:
+            found = solve(changed, board, size)
+        except CalibrationError:
+            continue
+        if len(found.pairs) >= _MOST_AGREE * len(pairs) and found.bundle.noise_px < _AGREE_PX:
+            return way
+    return None
 
 
 def _wide(fit: Fit) -> bool:
