@@ -332,11 +332,19 @@ def calibrate_seen(
         text = f"pictures: expected {_size(ports.air.size)} px as the calibration in air, got {_size(size)} px"
         raise CalibrationError(text, Code.CALIBRATE_SIZE_DIFFERS)
     try:
-        fit = solve_ports(different, board, *ports) if ports else solve(different, board, size, lens)
+        result = _calibrated(different, board, size, metric, medium, ports, lens)
     except CalibrationError as error:
         _raise_if_turned(different, board, size)
         rest = Counter(out.reason for out in (*unseen, *blurred, *same)).most_common(1)
         raise CalibrationError(f"{error}{f'; {rest[0][1]} pairs: {rest[0][0]}' if rest else ''}", error.code) from error
+    return replace(result, left_out=(*unseen, *blurred, *same, *result.left_out))
+
+
+def _calibrated(
+    pairs: Sequence[SeenPair], board: Board, size: tuple[int, int], metric: bool, medium: str,
+    ports: PortsAsked | None, lens: str,
+) -> Result:  # fmt: skip
+    fit = solve_ports(pairs, board, *ports) if ports else solve(pairs, board, size, lens)
     rig = RigNumbers(fit.bundle.numbers[: len(NAMES)], size, fit.lens)
     behind = PortRig(fit.bundle.numbers, ports.told, size) if ports else None
     if rig.exchanged:
@@ -350,15 +358,10 @@ def calibrate_seen(
     errors = depth_errors_by_range(behind or rig, fit.bundle.covariance) if metric else ()
     held = None if ports else held_out(fit.bundle, fit.pairs, points, rig)
     of_ports = port_findings(fit.bundle, ports.air) if ports else tuple(_of_medium(medium))
-    try:
-        told = (*of_ports, *_of_scale(rig, metric, size))
-    except CalibrationError:
-        _raise_if_turned(different, board, size)
-        raise
+    told = (*of_ports, *_of_scale(rig, metric, size))
     findings = (*advise(session, fit.bundle, fit.pairs, errors, held, size, held_out=not ports), *told)
-    left_out = (*unseen, *blurred, *same, *fit.left_out)
     made_in = "air" if ports else medium
-    return Result(board, metric, made_in, size, fit, left_out, rig, session, errors, held, findings, behind)
+    return Result(board, metric, made_in, size, fit, fit.left_out, rig, session, errors, held, findings, behind)
 
 
 def _raise_if_turned(pairs: Sequence[SeenPair], board: Board, size: tuple[int, int]) -> None:
