@@ -21,6 +21,7 @@ NODES = [
     "model_node",
     "calibrate_node",
     "bag_player_node",
+    "web_node",
 ]
 MESSAGES = ["sensor-msgs", "nav-msgs", "stereo-msgs", "diagnostic-msgs", "std-srvs", "visualization-msgs"]
 MESSAGES += ["rosgraph-msgs", "lifecycle-msgs"]
@@ -73,6 +74,7 @@ setup(
         "Programming Language :: Python :: 3.11",
         "Programming Language :: Python :: 3.12",
         "Programming Language :: Python :: 3.13",
+        "Programming Language :: Python :: 3.14",
         "Topic :: Scientific/Engineering :: Image Recognition",
     ],
     keywords=["ROS", "stereo", "underwater", "reconstruction"],

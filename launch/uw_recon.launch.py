@@ -21,7 +21,7 @@ from uw_recon_ros.params import read_parameter_file
 
 PACKAGE = "uw_recon_ros"
 STAGES = ("preprocess_node", "rectify_node", "disparity_node", "point_cloud_node")
-COMPOSED, PLAYER, ODOMETRY, MODEL = "pipeline_node", "bag_player_node", "odometry_node", "model_node"
+COMPOSED, PLAYER, ODOMETRY, MODEL, WEB = "pipeline_node", "bag_player_node", "odometry_node", "model_node", "web_node"
 TRANSPORTS = ("/compressed", "/ffmpeg", "/foxglove")
 #: What is shown, for RViz in a name space: its configuration names them absolute.
 SHOWN = (
@@ -86,6 +86,7 @@ ARGUMENTS = (
     Argument("wait_limit", "30.0", "Seconds the replay waits for a listener before it begins anyway; 0: for ever."),
     Argument("shutdown_after_bag", "false", "Whether all ends once the bag's last pair has come through.", YES_OR_NO),
     Argument("drain_limit", "300.0", "Seconds that the last pair may take with shutdown_after_bag."),
+    Argument("web", "false", "Whether web_node shows state and pictures on a page, port 8011.", YES_OR_NO),
     Argument("respawn", "false", "Whether a node that died is started again.", YES_OR_NO),
     Argument("rviz", "false", "Whether RViz shows it all.", YES_OR_NO),
     Argument("fixed_frame", "", "RViz's fixed frame, e.g. the camera's; none: the configuration's."),
@@ -217,6 +218,8 @@ def start(context: LaunchContext) -> list[Node]:
     ]
     if given["bag"]:
         nodes.append(player(given, common))
+    if given["web"] == "true":
+        nodes.append(Node(executable=WEB, name=WEB, respawn=True, respawn_delay=1.0, **common))
     if given["rviz"] == "true":
         nodes.append(rviz(given))
     return nodes

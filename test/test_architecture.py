@@ -72,7 +72,8 @@ MAY_IMPORT = {
     "doctor": NOUNS | {"rectify", "node_params", "doctor"},
     "ros": NOUNS | STAGE_ROOMS | NODE_PARAMS | {"ros", "doctor", "messages"},
     "nodes": OFFLINE
-    | {"ros", "nodes", "bags", "track", "fuse", "live", "model", "calibrate", "calibrate_files", "calibrate_live"},
+    | {"ros", "nodes", "bags", "track", "fuse", "live", "model", "calibrate", "calibrate_files", "calibrate_live"}
+    | {"report"},
     "survey": OFFLINE | {"survey", "recordings", "bags", "report", "messages", "warm"},
     "model": OFFLINE
     | {"survey", "recordings", "report", "bags", "track", "locate", "fuse", "texturing", "georeference", "model"},

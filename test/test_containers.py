@@ -37,6 +37,13 @@ def test_the_labels_of_the_image_are_json() -> None:
     assert f'version="{version[1]}"' in text
 
 
+def test_the_image_may_be_of_any_ros_2_that_is_named() -> None:
+    text = (ROOT / "Dockerfile").read_text()
+    assert "FROM ros:${ROS_DISTRO}-ros-base" in text
+    assert not re.search(r"ros-(jazzy|kilted|lyrical)-", text)
+    assert "web:=true" in text
+
+
 def test_the_image_starts_a_launch_file_that_is_there() -> None:
     for name in ("Dockerfile", "pixi.toml"):
         found = re.search(r"[a-z_]+\.launch\.py", (ROOT / name).read_text())

@@ -20,6 +20,7 @@ from uw_recon_ros.nodes import (
     preprocess_node,
     rectify_node,
 )
+from uw_recon_ros.nodes.web_server import PICTURES
 from uw_recon_ros.ros import rectified_frame, transforms
 from uw_recon_ros.ros.declarations import Input, Output
 
@@ -70,6 +71,12 @@ def profiles() -> tuple[Profile, ...]:
         _stage("odometry_node", odometry_node.INPUTS, odometry_node.OUTPUTS, transforms.TOPIC),
         _stage("model_node", model_node.INPUTS, model_node.OUTPUTS, transforms.TOPIC, services=("save",)),
         _stage("calibrate_node", calibrate_node.CAMERAS, calibrate_node.OUTPUTS, services=("calibrate",)),
+        Profile(
+            "web_node",
+            frozenset({"/rosout", "/parameter_events"}),
+            frozenset({"/diagnostics", "/clock", *PICTURES.values()}),
+            frozenset(f"~/{service}" for service in PARAMETER_SERVICES),
+        ),
         Profile(
             "bag_player_node",
             frozenset(cameras | {"/clock", "/rosout", "/parameter_events"}),

@@ -78,6 +78,11 @@ def calibrate_node() -> None:
     _run("calibrate_node")
 
 
+def web_node() -> None:
+    """Run the node of this name until it is interrupted."""
+    _run("web_node")
+
+
 def bag_player_node() -> None:
     """Play a bag."""
     _run("bag_player_node")

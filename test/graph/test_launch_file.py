@@ -89,6 +89,12 @@ def test_odometry_goes_along_where_asked(launch: Any) -> None:
     assert [node.executable for node in launch(model="true")] == [*FOUR, "odometry_node", "model_node"]
 
 
+def test_the_page_goes_along_where_asked(launch: Any) -> None:
+    *stages, web = launch(web="true", namespace="rov")
+    assert [node.executable for node in stages] == FOUR
+    assert (web.executable, web.namespace) == ("web_node", "rov")
+
+
 def test_parameters_later_ones_win(launch: Any, tmp_path: Path) -> None:
     mine = tmp_path / "mine.yaml"
     mine.write_text("/**:\n  ros__parameters: {cloud_voxel: 0.5, max_disparity: 10, effort: quality}\n")

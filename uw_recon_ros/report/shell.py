@@ -61,6 +61,7 @@ def render(
     scripts: Sequence[str] = PAGE_SCRIPTS,
     framed: Sequence[str] = (),
     frames: bool = False,
+    served: bool = False,
     **values: Any,
 ) -> str:
     """Build a page.
@@ -75,24 +76,25 @@ def render(
         Further scripts that a page inside this one may run: it is under the policy of both.
     frames : bool
         Whether pages that lie beside this one are shown in it.
+    served : bool
+        Whether a server gives it out, which it may ask for more.
     **values
         What the template asks for; texts are escaped.
     """
     return fragment(
         template,
-        policy=Markup(_policy(styles, [*scripts, *framed], frames=frames)),
+        policy=Markup(_policy(styles, [*scripts, *framed], frames=frames, served=served)),
         styles=[Markup(asset(name)) for name in styles],
         scripts=[Markup(asset(name)) for name in scripts],
         **values,
     )
 
 
-def _policy(styles: Sequence[str], scripts: Sequence[str], *, frames: bool) -> str:
+def _policy(styles: Sequence[str], scripts: Sequence[str], *, frames: bool, served: bool) -> str:
+    images, asks = ("data: blob:", "connect-src 'self'; ") if served else ("data:", "")
     beside = "; frame-src 'self' file:" if frames else ""
-    return (
-        f"default-src 'none'; img-src data:; style-src {_hashes(styles)}; script-src {_hashes(scripts)}{beside}; "
-        "base-uri 'none'; form-action 'none'"
-    )
+    applied = f"style-src {_hashes(styles)}; script-src {_hashes(scripts)}"
+    return f"default-src 'none'; img-src {images}; {asks}{applied}{beside}; base-uri 'none'; form-action 'none'"
 
 
 def _hashes(names: Sequence[str]) -> str:
