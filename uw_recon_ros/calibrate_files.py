@@ -34,14 +34,14 @@ from uw_recon_ros.files.bounded import read_bounded
 from uw_recon_ros.files.calibrations.document import LARGEST_BYTES
 from uw_recon_ros.files.calibrations.write import write_calibration, write_camera
 from uw_recon_ros.findings import Code, Finding, Severity, worst
-from uw_recon_ros.images import to_gray
+from uw_recon_ros.images import as_gray
 from uw_recon_ros.lenses import AUTO, PLUMB_BOB
 from uw_recon_ros.recordings.listing import list_frames
 from uw_recon_ros.recordings.options import Options
 from uw_recon_ros.recordings.pair_index import Frame
 from uw_recon_ros.recordings.read import Reader
 from uw_recon_ros.recordings.sources import find_sources
-from uw_recon_ros.types import ByteImage, Matrix, RawImage, StereoCalibration
+from uw_recon_ros.types import ByteImage, Matrix, StereoCalibration
 
 MEDIA = ("water", "air", "unknown")
 _LOOKED_AT = 12  # pairs, to find a board's size or dictionary
@@ -197,12 +197,6 @@ class Pictures:
         if self._kinds[frame.source] == "stills":
             return Path(frame.left.name).name
         return f"pair at {frame.stamp_ns / 1e9:.3f} s"
-
-
-def as_gray(image: RawImage) -> ByteImage:
-    """(H, W) uint8 of an image as it came."""
-    gray = to_gray(image)
-    return gray if gray.dtype == np.uint8 else np.asarray(gray >> 8, np.uint8)
 
 
 def made_board(asked: BoardAsked, frames: Iterable[Seen]) -> Board:

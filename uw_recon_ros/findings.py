@@ -90,6 +90,7 @@ class Code(str, Enum):
     RECORDING_EXTRA = "recording.extra"
     RECORDING_LAYOUT = "recording.layout"
     RECORDING_ONE_CAMERA = "recording.one_camera"
+    RECORDING_PARTNERS_APART = "recording.partners_apart"
     RECORDING_SEVERAL_RIGS = "recording.several_rigs"
     RECORDING_VIDEO_TOPICS = "recording.video_topics"
     # rectification

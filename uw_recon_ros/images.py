@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.bounds import LARGEST_PIXELS
 from uw_recon_ros.errors import ImageError
-from uw_recon_ros.types import RawImage
+from uw_recon_ros.types import ByteImage, RawImage
 
 _MAX_SIDE = 65_536
 _BIT_DEPTHS: dict[str, np.dtype[Any]] = {"8": np.dtype(np.uint8), "16": np.dtype(np.uint16)}
@@ -203,3 +203,9 @@ def to_gray(image: RawImage) -> RawImage:
     (H, W), same dtype
     """
     return image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+
+
+def as_gray(image: RawImage) -> ByteImage:
+    """(H, W) uint8 of an image as it came."""
+    gray = to_gray(image)
+    return gray if gray.dtype == np.uint8 else np.asarray(gray >> 8, np.uint8)

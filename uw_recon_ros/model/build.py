@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -252,6 +253,7 @@ def _summary(
         "frames": {"kept": len(shelf.paths), "dropped": shelf.dropped, **counts},
         "trajectory": located.statistics,
         "rig": None if rig is None else {"found": asdict(rig.error), "applied": asdict(located.applied)},
+        "partners": _partners(Path(request.survey) / "report.json"),
         "params": {spec.name: getattr(request.params, spec.name) for spec in request.params.specs()},
         "camera": {
             "intrinsics": geometry.intrinsics_left.tolist(), "rect_from_raw_left": geometry.rect_from_raw_left,
@@ -263,6 +265,14 @@ def _summary(
         "warnings": [finding.as_dict() for finding in findings],
         "versions": versions(),
     }  # fmt: skip
+
+
+def _partners(report: Path) -> Any:
+    """What the survey says of pairs whose images were not taken at one moment; None where there are none."""
+    try:
+        return json.loads(report.read_text())["partners"]
+    except (OSError, ValueError, KeyError):
+        return None
 
 
 def _findings(shelf: KeptFrames, located: Located, models: list[dict[str, Any]]) -> list[Finding]:

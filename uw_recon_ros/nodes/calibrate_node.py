@@ -23,10 +23,11 @@ from std_srvs.srv import Trigger
 
 from uw_recon_ros.calibrate.advice import covered
 from uw_recon_ros.calibrate.fit import LEAST_PAIRS
-from uw_recon_ros.calibrate_files import BoardAsked, Seen, as_gray, write_result
+from uw_recon_ros.calibrate_files import BoardAsked, Seen, write_result
 from uw_recon_ros.calibrate_live import LiveSession, Looked, annotated
 from uw_recon_ros.errors import CalibrationError, ReconError
 from uw_recon_ros.files.atomic import claim_folder
+from uw_recon_ros.images import as_gray
 from uw_recon_ros.node_params import CalibrateNodeParams, CameraParams
 from uw_recon_ros.nodes.preprocess_node import CAMERAS, camera_filter
 from uw_recon_ros.ros.declarations import outputs_of

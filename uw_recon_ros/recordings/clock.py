@@ -3,13 +3,14 @@
 The cameras of a rig are fixed to each other, so their images move alike. The motion of each video from frame to frame
 (phase correlation) and its change of brightness (lamp, flash) are signals of time; pieces of the left video's are
 looked for in the right one's, and the lags of those that agree are fitted by an offset and a drift. Which of several
-offsets it is, and its last hundredths of a second, the rows tell (`clock_rows`).
+offsets it is, and its last hundredths of a second, the rows tell (`clock_rows`). Where both videos have sound, it is
+asked too (`clock_sound`): it agrees, contradicts, does not tell, or stands in where the images do not.
 """
 
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -18,7 +19,8 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.errors import BagError, ImageError
 from uw_recon_ros.findings import Code
-from uw_recon_ros.recordings.clock_rows import RowLag, find_row_lag
+from uw_recon_ros.recordings.clock_rows import RowLag, find_row_lag, refine_row_lag
+from uw_recon_ros.recordings.clock_sound import SoundLag, find_sound_lag, has_sound
 from uw_recon_ros.recordings.video import Video
 from uw_recon_ros.types import Matrix
 
@@ -42,6 +44,7 @@ _LONG_S = 40.0  # a piece for slow motion, of which short ones hold too little
 _LIKE_S = 0.25  # offsets that are no other
 _MOST_LINES = 4  # that are held against the rows
 _ROWS_S = 0.02  # what lenses and misaligned cameras feign in the rows (test/benchmark/filmed_model.py: 0.025 s)
+_REFINED_S = 0.003  # what is left of that once rows' motion was looked at (there: 0.001 to 0.002)
 _KNOWN_S = 0.05  # uncertainty beyond which an offset is not known
 
 
@@ -84,6 +87,24 @@ def find_clock(left: Video, right: Video, ours: Marks, theirs: Marks, offset_ns:
     seconds = min(marks[-1][0] for marks in (ours, theirs)) / 1e9
     if seconds < _SHORTEST_S:
         return Clock(0, told=(f"{seconds:.1f} s tell no clock offset: taken as 0 (--clock-offset SECONDS)",))
+    both_heard = has_sound(left.path) and has_sound(right.path)
+    heard = find_sound_lag(left.path, right.path, _REACH_S) if both_heard else None
+    try:
+        return _with_sound(_by_images(left, right, ours, theirs, heard), heard, both_heard)
+    except BagError:
+        if heard is None:
+            raise
+        return _by_sound(heard)
+
+
+def _by_images(left: Video, right: Video, ours: Marks, theirs: Marks, heard: SoundLag | None) -> Clock:
+    """The clock that motion, light and rows tell; the sound's is tried as one more.
+
+    Raises
+    ------
+    BagError
+        They do not tell it.
+    """
     pieces = _pieces(ours[-1][0] / 1e9)
     lags = [_lags_of(left, right, ours, theirs, piece) for piece in pieces]
     timed = [((a + b) / 2, found) for (a, b), found in zip(pieces, lags, strict=True)]
@@ -91,8 +112,59 @@ def find_clock(left: Video, right: Video, ours: Marks, theirs: Marks, offset_ns:
     whole = ours[-1][0] / 1e9
     long = _lags_of(left, right, ours, theirs, (0.1 * whole, min(0.9 * whole, 0.1 * whole + _LONG_S)))
     fitted = [_fitted(line, timed) for _, line in rated] + [Clock(round(lag * 1e9)) for lag, _ in long]
-    by_rows = _by_rows(left, right, ours, theirs, _different(fitted))
-    return _mended(*by_rows) if by_rows else _by_motion(rated, timed)
+    more = [_of_sound(heard)] if heard is not None else []
+    by_rows = _by_rows(left, right, ours, theirs, _different([*more, *fitted]))
+    if by_rows is None:
+        return _refined(left, right, ours, theirs, _by_motion(rated, timed))
+    return _refined(left, right, ours, theirs, _mended(*by_rows))
+
+
+def _refined(left: Video, right: Video, ours: Marks, theirs: Marks, clock: Clock) -> Clock:
+    """A clock known to a frame, made better by how fast the rows move; as it was where that does not tell."""
+    found, sigma = clock, clock.sigma_s
+    for _ in range(2):  # the second time with the frames that are nearest now
+        lag = refine_row_lag(left, right, ours, theirs, found.right_of)
+        if lag is None or lag.sigma_s > _KNOWN_S / 2 or abs(lag.shift_s) > _LIKE_S:
+            return clock
+        found = replace(found, offset_ns=found.offset_ns + round(lag.shift_s * 1e9))
+        sigma = float(np.hypot(lag.sigma_s, _REFINED_S))
+    told = (
+        f"right clock ahead by {found.offset_ns / 1e9:.4f} s at the first frame (sigma {sigma:.4f} s), found from "
+        f"motion and light, and from vertical error against the rows' motion; drift {1e3 * found.drift:+.3f} ms/s"
+    )
+    return replace(found, sigma_s=sigma, told=(told,))
+
+
+# ---- sound -----------------------------------------------------------------------------------------------------------
+
+
+def _of_sound(heard: SoundLag) -> Clock:
+    return Clock(round(heard.offset_s * 1e9), heard.drift, heard.sigma_s)
+
+
+def _by_sound(heard: SoundLag) -> Clock:
+    """Where the images do not tell."""
+    told = (
+        f"right clock ahead by {heard.offset_s:.3f} s at the first frame (sigma {heard.sigma_s:.3f} s), found from the "
+        f"sound alone, the images do not tell; drift {1e3 * heard.drift:+.3f} ms/s"
+    )
+    return replace(_of_sound(heard), told=(told,))
+
+
+def _with_sound(clock: Clock, heard: SoundLag | None, both_heard: bool) -> Clock:
+    """What the images found, and whether the sound says so too."""
+    if heard is None:
+        return replace(clock, told=(*clock.told, "the sound does not tell the clock offset")) if both_heard else clock
+    apart = heard.offset_s - clock.offset_ns / 1e9
+    unsure = float(np.hypot(heard.sigma_s, np.nan_to_num(clock.sigma_s, nan=_KNOWN_S)))
+    if abs(apart) <= 3 * unsure:
+        told = f"the sound agrees: {heard.offset_s:.3f} s (sigma {heard.sigma_s:.3f} s)"
+    else:
+        told = (
+            f"the sound CONTRADICTS: it says {heard.offset_s:.3f} s (sigma {heard.sigma_s:.3f} s), {abs(apart):.3f} s "
+            "from what the images say, which is taken: check one pair by eye, or say --clock-offset SECONDS"
+        )
+    return replace(clock, told=(*clock.told, told))
 
 
 def _pieces(seconds: float) -> list[tuple[float, float]]:

@@ -1,7 +1,9 @@
 """Row error against lag: a rig's cameras see a point on the same rows at the same moment only.
 
 What a left frame's points are off in the right frames around its moment goes up and down with the rig's motion, but for
-the frame of the same moment, where it is always the same: the offset is where it varies least from moment to moment.
+the frame of the same moment, where it is always the same: the offset is where it varies least from moment to moment
+(`find_row_lag`). Once it is known to a frame, what the rows of neighbouring frames are off goes with how fast the rows
+move in the left camera's own images, and the ratio is what is left of the offset (`refine_row_lag`).
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.errors import ImageError
 from uw_recon_ros.recordings.video import Video
-from uw_recon_ros.types import Matrix
+from uw_recon_ros.types import Matrix, RawImage
 
 Marks = list[tuple[int, int]]
 
@@ -26,6 +28,11 @@ _AROUND = 9  # right frames around a moment
 _FEWEST_S = 0.45  # that they reach to either side at least
 _MATCHES = 25  # that make a pair of frames count
 _ENOUGH = 6  # moments
+_NEAR_PX = 3.0  # a feature is found again so near to its whole pixel
+_REFINED_MOMENTS = 32
+_REFINED_ENOUGH = 12  # pairs of frames
+_RATE_S = 0.1  # before and after a frame: how fast its rows move
+_MOVING_PX = 0.15  # rows that vary less from frame to frame stand still
 _DEEPEST = 0.6  # of the variation elsewhere: where less is left, the rows tell
 
 
@@ -83,34 +90,120 @@ def find_row_lag(
     return _least(curves, stride * step)
 
 
+def refine_row_lag(
+    left: Video, right: Video, ours: Marks, theirs: Marks, right_of: Callable[[int], int]
+) -> RowLag | None:
+    """What is left of an offset that is known to about a frame.
+
+    Parameters
+    ----------
+    left, right, ours, theirs, right_of
+        As in `find_row_lag`.
+
+    Returns
+    -------
+    RowLag or None
+        None: rows do not move, or there is too little to match.
+    """
+    stamps = np.array([stamp for stamp, _ in theirs], np.int64)
+    places = [n for n in range(1, len(ours) - 1) if stamps[0] <= right_of(ours[n][0]) < stamps[-1]]
+    count = min(_REFINED_MOMENTS, len(places))
+    chosen = sorted({round(k) for k in np.linspace(0, len(places) - 1, count).tolist()})
+    found: list[tuple[float, ...]] = []
+    for n in (places[k] for k in chosen):
+        stamp, mark = ours[n]
+        after = int(np.searchsorted(stamps, right_of(stamp), side="right"))
+        near = [k for k in (after - 1, after) if 0 <= k < len(stamps)]
+        (first, one), (last, other) = (ours[k] for k in _around(ours, n))
+        moved = _offsets(left, one, left, [other])[0]
+        rates = -moved[:2] / ((last - first) / 1e9)
+        for k, offset in zip(near, _offsets(left, mark, right, [theirs[k][1] for k in near]), strict=True):
+            found.append((*offset, *rates, (stamps[k] - right_of(stamp)) / 1e9))
+    return _ratio(np.array(found).reshape(-1, 7))
+
+
+def _around(ours: Marks, n: int) -> tuple[int, int]:
+    """Numbers of the frames about `_RATE_S` before and after one."""
+    before, after = n - 1, n + 1
+    while before > 0 and ours[n][0] - ours[before - 1][0] <= _RATE_S * 1e9:
+        before -= 1
+    while after < len(ours) - 1 and ours[after + 1][0] - ours[n][0] <= _RATE_S * 1e9:
+        after += 1
+    return before, after
+
+
+def _ratio(seen: Matrix) -> RowLag | None:
+    """The time that rows (N, 7: offset across, along; rest across, along; rate across, along; lag) tell."""
+    seen = seen[np.isfinite(seen).all(axis=1)]
+    if len(seen) < _REFINED_ENOUGH:
+        return None
+    axis = int(np.median(seen[:, 2]) > np.median(seen[:, 3]))
+    offset, along, rate, lag = seen[:, axis], seen[:, 1 - axis], seen[:, 4 + axis], seen[:, 6]
+    design = np.stack([np.ones(len(seen)), along - along.mean(), -rate], axis=1)
+    values, kept = offset + rate * lag, np.ones(len(seen), np.bool_)
+    for _ in range(4):
+        if kept.sum() < _REFINED_ENOUGH:
+            return None
+        solution, *_ = np.linalg.lstsq(design[kept], values[kept], rcond=None)
+        rest = values - design @ solution
+        noise = max(_spread(rest[kept]), 0.02)
+        kept = np.abs(rest) < 3 * noise
+    covariance = noise**2 * np.linalg.pinv(design[kept].T @ design[kept])
+    return RowLag(-float(solution[2]), float(np.sqrt(covariance[2, 2])), noise)
+
+
 def _offsets(left: Video, mark: int, right: Video, others: list[int]) -> Matrix:
     """(N, 4): offset across and along at the middle of the image, px, and what is left over of either; NaN: unknown."""
     finder = cv2.ORB.create(nfeatures=700, edgeThreshold=12, patchSize=21, fastThreshold=7)
     found = np.full((len(others), 4), np.nan)
     try:
-        mine = finder.detectAndCompute(left.small(mark, _WIDTH), None)
+        mine = _Seen(left.small(mark, _WIDTH), finder)
     except ImageError:
         return found
     for row, other in enumerate(others):
         try:
-            theirs = finder.detectAndCompute(right.small(other, _WIDTH), None)
+            theirs = _Seen(right.small(other, _WIDTH), finder)
         except ImageError:
             continue
         found[row] = _offset(mine, theirs)
     return found
 
 
-def _offset(mine: Any, theirs: Any) -> list[float]:
-    if mine[1] is None or theirs[1] is None:
+class _Seen:
+    """An image and its features."""
+
+    def __init__(self, image: RawImage, finder: Any) -> None:
+        self.image = image
+        self.points, self.descriptors = finder.detectAndCompute(image, None)
+
+
+def _offset(mine: _Seen, theirs: _Seen) -> list[float]:
+    if mine.descriptors is None or theirs.descriptors is None:
         return [np.nan] * 4
-    matches = [m for m in cv2.BFMatcher(cv2.NORM_HAMMING, crossCheck=True).match(mine[1], theirs[1]) if m.distance < 45]
+    found = cv2.BFMatcher(cv2.NORM_HAMMING, crossCheck=True).match(mine.descriptors, theirs.descriptors)
+    matches = [m for m in found if m.distance < 45]
     if len(matches) < _MATCHES:
         return [np.nan] * 4
-    points = np.array([mine[0][m.queryIdx].pt for m in matches])
-    moved = points - np.array([theirs[0][m.trainIdx].pt for m in matches])
+    here = np.array([mine.points[m.queryIdx].pt for m in matches], np.float32)
+    rough = np.array([theirs.points[m.trainIdx].pt for m in matches], np.float32)
+    there, seen = _between_pixels(mine.image, theirs.image, here, rough)
+    if seen.sum() < _MATCHES:
+        return [np.nan] * 4
+    points, moved = here[seen].astype(np.float64), (here - there)[seen].astype(np.float64)
     kept = np.all(np.abs(moved - np.median(moved, axis=0)) < 0.2 * _WIDTH, axis=1)
     fitted = [_plane(points[kept], moved[kept, axis]) for axis in (1, 0)]
     return [fitted[0][0], fitted[1][0], fitted[0][1], fitted[1][1]]
+
+
+def _between_pixels(
+    first: RawImage, second: RawImage, here: NDArray[np.float32], rough: NDArray[np.float32]
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Where points are in the second image, by Lucas and Kanade from a feature's whole pixel on."""
+    found, status, _ = cv2.calcOpticalFlowPyrLK(
+        first, second, here, rough.copy(), winSize=(15, 15), maxLevel=0, flags=cv2.OPTFLOW_USE_INITIAL_FLOW
+    )
+    there = np.asarray(found, np.float32).reshape(-1, 2)
+    return there, (np.asarray(status).ravel() == 1) & (np.abs(there - rough).max(axis=1) < _NEAR_PX)
 
 
 def _plane(points: Matrix, values: Matrix) -> tuple[float, float]:
@@ -147,7 +240,8 @@ def _least(curves: list[tuple[Matrix, Matrix]], step: float) -> RowLag | None:
     along = np.array([np.nanmedian(found[:, 1 - axis]) if np.isfinite(found).any() else np.nan for _, found in curves])
     variances = np.array([_variance(column, along) for column in rows.T])
     best = int(np.argmin(variances))
-    if best in (0, len(grid) - 1) or variances[best] > _DEEPEST**2 * np.median(variances):
+    elsewhere = float(np.median(variances))
+    if best in (0, len(grid) - 1) or variances[best] > _DEEPEST**2 * elsewhere or elsewhere < _MOVING_PX**2:
         return None
     around = np.abs(grid - grid[best]) <= step
     bend, slope, _ = np.polyfit(grid[around] - grid[best], variances[around], 2)

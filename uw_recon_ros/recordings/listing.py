@@ -110,8 +110,7 @@ def _numbered(frames: list[Frame]) -> list[Frame]:
 def _list_source(source: Source, index: int, options: Options, rigs: Rigs, notes: list[str]) -> list[Frame]:
     if source.kind != "bag":
         lister = list_stills if source.kind == "stills" else list_video
-        listed = list(lister(source, options, notes))
-        frames = [Frame(0, 0, stamp_ns, left, right) for stamp_ns, left, right in listed]
+        frames = list(lister(source, options, notes))
         rig = _rig_beside(source, frames, rigs)
         return [replace(frame, source=index, rig=rig) for frame in frames]
     with open_source(source) as bag:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -111,20 +112,22 @@ def _listed(left: str, right: str, rate_hz: float) -> tuple[list[Frame], Reader,
         return listing.frames, Reader(sources, rigs), rigs[0] if rigs else None
     if is_video(Path(left)):
         source = video_source(Path(left), None if left == right else Path(right))
-        listed = list(list_video(source, options, notes))
+        found = list(list_video(source, options, notes))
     else:
         source = Source("stills", str(Path(left).absolute()), left)
         ours, theirs = find_images(left), find_images(right)
         if ours == theirs:
-            listed = list(list_whole(source, ours, options, notes))
+            found = list(list_whole(source, ours, options, notes))
         else:
             name, offset = f"{left} and {right}", options.offset_ns or 0
             _expect_others(ours, theirs)
-            found = pair_stills(ours, theirs, name, rate_hz, offset, notes)
-            listed = [(p.stamp_ns, *_places(p.left, p.right, p.stamp_ns)) for p in found if p.left and p.right]
+            matched = pair_stills(ours, theirs, name, rate_hz, offset, notes)
+            found = [
+                Frame(0, 0, p.stamp_ns, *_places(p.left, p.right, p.stamp_ns)) for p in matched if p.left and p.right
+            ]
     for note in notes:
         say(f"note: {note}")
-    return [Frame(n, 0, stamp, one, other) for n, (stamp, one, other) in enumerate(listed)], Reader([source], []), None
+    return [replace(frame, number=n) for n, frame in enumerate(found)], Reader([source], []), None
 
 
 def _places(left: Path, right: Path, stamp_ns: int) -> tuple[Place, Place]:

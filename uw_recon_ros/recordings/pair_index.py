@@ -55,6 +55,10 @@ class Frame:
         Index into the calibrations; -1: none.
     before : (Place, Place) or None
         Left and right of the pair before it in the same source.
+    lag_ns : int
+        The right image was taken so much later than the left one, where the cameras have no common trigger.
+    around : tuple of (ns, Place)
+        Of a pair with a lag: left images before and after it, and their time from it.
     """
 
     number: int
@@ -64,6 +68,8 @@ class Frame:
     right: Place
     rig: int = -1
     before: tuple[Place, Place] | None = None
+    lag_ns: int = 0
+    around: tuple[tuple[int, Place], ...] = ()
 
 
 _Key = tuple[bytes | str | int, ...]

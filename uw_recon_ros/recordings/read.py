@@ -16,13 +16,14 @@ from uw_recon_ros.files.bounded import read_bounded
 from uw_recon_ros.files.images import decode_compressed, read_image
 from uw_recon_ros.files.video_packets import video_codec
 from uw_recon_ros.image_pair import as_pair
+from uw_recon_ros.images import as_gray
 from uw_recon_ros.recordings.layout import cut, mpo_parts
 from uw_recon_ros.recordings.pair_index import Frame, Place
 from uw_recon_ros.recordings.sources import Source, open_source
 from uw_recon_ros.recordings.video import Video
 from uw_recon_ros.recordings.video_topic import TopicDecoder
 from uw_recon_ros.system_errors import reason
-from uw_recon_ros.types import RawImage, StereoCalibration, StereoPair
+from uw_recon_ros.types import ByteImage, RawImage, StereoCalibration, StereoPair
 
 _TOGETHER_NS = 500_000_000  # images recorded further apart are looked up one by one
 _OPEN_BAGS = 4
@@ -116,6 +117,17 @@ class Reader:
             return self.read(replace(frame, left=frame.before[0], right=frame.before[1]))
         except (BagError, ImageError):
             return None
+
+    def read_around(self, frame: Frame) -> list[tuple[float, ByteImage]]:
+        """Left images before and after a pair whose right image came late: s from it, and (H, W) uint8."""
+        found, source = [], self._sources[frame.source]
+        for after_ns, place in sorted(frame.around, key=lambda item: item[0]):
+            try:
+                with self._lock:
+                    found.append((after_ns / 1e9, as_gray(self.view(source, place, "left"))))
+            except (BagError, ImageError):
+                continue
+        return found
 
     def _messages(self, source: Source, frame: Frame) -> tuple[RawMessage, RawMessage]:
         places = {(place.name, place.log_ns): place for place in (frame.left, frame.right)}

@@ -23,13 +23,13 @@ from uw_recon_ros.recordings.video import Video
 from uw_recon_ros.system_errors import reason
 from uw_recon_ros.types import RawImage
 
-Listed = tuple[int, Place, Place]
 _PROBES = (0.1, 0.4, 0.7)  # of the way through, where the layout is looked for
+_AROUND_NS = 100_000_000  # a rig's motion is seen over so long, before and after a frame
 _TRIED = 20  # images, from there on, until one can be read
 
 
-def list_stills(source: Source, options: Options, notes: list[str]) -> Iterator[Listed]:
-    """Stamp, ns, and places of every pair of stills.
+def list_stills(source: Source, options: Options, notes: list[str]) -> Iterator[Frame]:
+    """Every pair of stills, not numbered yet.
 
     Raises
     ------
@@ -55,15 +55,17 @@ def list_stills(source: Source, options: Options, notes: list[str]) -> Iterator[
             notes.append(f"{source.name}: {len(images) - 2 * len(flat[0])} files have no partner of the same name")
     for pair in pair_stills(*sides, source.name, options.stills_rate, options.offset_ns or 0, notes):
         if pair.left and pair.right:
-            yield pair.stamp_ns, Place(str(pair.left), pair.stamp_ns), Place(str(pair.right), pair.stamp_ns)
+            left, right = (Place(str(path), pair.stamp_ns) for path in (pair.left, pair.right))
+            yield Frame(0, 0, pair.stamp_ns, left, right)
 
 
-def list_whole(source: Source, images: list[Path], options: Options, notes: list[str]) -> Iterator[Listed]:
+def list_whole(source: Source, images: list[Path], options: Options, notes: list[str]) -> Iterator[Frame]:
     """Stills that hold both views."""
     layout = _layout_of(options, source.name, _probes(images), notes)
     for rank, image in enumerate(images):
         stamp = FIRST_NS + round(rank * 1e9 / options.stills_rate)
-        yield stamp, Place(str(image), stamp, 0, f"{layout}:0"), Place(str(image), stamp, 0, f"{layout}:1")
+        left, right = (Place(str(image), stamp, 0, f"{layout}:{side}") for side in (0, 1))
+        yield Frame(0, 0, stamp, left, right)
 
 
 def _probes(images: list[Path]) -> Iterator[RawImage | str]:
@@ -141,8 +143,8 @@ def _layout_of(options: Options, name: str, images: Iterator[RawImage | str], no
     return layout
 
 
-def list_video(source: Source, options: Options, notes: list[str]) -> Iterator[Listed]:
-    """Stamp, ns, and places of every pair of frames.
+def list_video(source: Source, options: Options, notes: list[str]) -> Iterator[Frame]:
+    """Every pair of frames, not numbered yet.
 
     Raises
     ------
@@ -159,17 +161,14 @@ def list_video(source: Source, options: Options, notes: list[str]) -> Iterator[L
         yield from _nearest(source, ours, theirs, clock, notes)
 
 
-def _list_one(source: Source, options: Options, notes: list[str]) -> Iterator[Listed]:
+def _list_one(source: Source, options: Options, notes: list[str]) -> Iterator[Frame]:
     with Video(source.path) as video:
         times = video.times()
         probes = (_frame(video, times[int(share * len(times))][1]) for share in _PROBES)
         layout = _layout_of(options, source.name, (image for image in probes if image is not None), notes)
         for stamp, mark in times:
-            yield (
-                FIRST_NS + stamp,
-                Place(source.path, stamp, mark, f"{layout}:0"),
-                Place(source.path, stamp, mark, f"{layout}:1"),
-            )
+            left, right = (Place(source.path, stamp, mark, f"{layout}:{side}") for side in (0, 1))
+            yield Frame(0, 0, FIRST_NS + stamp, left, right)
 
 
 def _frame(video: Video, mark: int) -> RawImage | None:
@@ -181,12 +180,12 @@ def _frame(video: Video, mark: int) -> RawImage | None:
 
 def _nearest(
     source: Source, ours: list[tuple[int, int]], theirs: list[tuple[int, int]], clock: Clock, notes: list[str]
-) -> Iterator[Listed]:
+) -> Iterator[Frame]:
     """Each left frame with the right one nearest to its moment; where rates differ, frames are used once."""
     stamps = np.array([time for time, _ in theirs], np.int64)
     step = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 1e9
     used, apart, alone = -1, [], 0
-    for stamp, mark in ours:
+    for place, (stamp, mark) in enumerate(ours):
         wanted = clock.right_of(stamp)
         after = int(np.searchsorted(stamps, wanted).clip(1, max(1, len(stamps) - 1)))
         best = min((after - 1, min(after, len(stamps) - 1)), key=lambda place: abs(stamps[place] - wanted))
@@ -194,12 +193,26 @@ def _nearest(
             alone += 1
             continue
         used = best
-        apart.append(abs(float(stamps[best] - wanted)) / 1e6)
-        yield FIRST_NS + stamp, Place(source.path, stamp, mark), Place(source.other, int(stamps[best]), theirs[best][1])
+        lag = int(stamps[best] - wanted)
+        apart.append(abs(lag) / 1e6)
+        left, right = Place(source.path, stamp, mark), Place(source.other, int(stamps[best]), theirs[best][1])
+        around = tuple((time - stamp, Place(source.path, time, other)) for time, other in _around(ours, place))
+        yield Frame(0, 0, FIRST_NS + stamp, left, right, lag_ns=lag, around=around)
     if alone:
         notes.append(f"{source.name}: {alone} of {len(ours)} left frames have no partner")
     if apart and np.median(apart) > 1.0:
         notes.append(
             f"{source.name}: partners are {np.median(apart):.1f} ms apart (median), at most {max(apart):.1f} ms: "
-            "cameras without a common trigger; what moves fast is off by so much"
+            "cameras without a common trigger; a survey takes the rig's own motion in that time out, not that of "
+            "animals and plants"
         )
+
+
+def _around(marks: list[tuple[int, int]], place: int) -> Iterator[tuple[int, int]]:
+    """The frames nearest to `_AROUND_NS` before and after one."""
+    for step in (-1, 1):
+        at = place + step
+        while 0 <= at + step < len(marks) and abs(marks[at][0] - marks[place][0]) < _AROUND_NS:
+            at += step
+        if 0 <= at < len(marks):
+            yield marks[at]

@@ -17,15 +17,24 @@ from uw_recon_ros.pipeline import PipelineParams, Products, Stages
 from uw_recon_ros.preprocess.regions import find_regions
 from uw_recon_ros.preprocess.stage import Preprocess
 from uw_recon_ros.reconstruct.stage import Reconstruct
+from uw_recon_ros.rectify.late_right import (
+    UNSEEN_SPEED,
+    LateRight,
+    Moments,
+    find_motion,
+    of_one_moment,
+    turned_back,
+)
 from uw_recon_ros.rectify.params import RectifyParams
 from uw_recon_ros.rectify.rectification import Rectification
+from uw_recon_ros.rectify.rectified_camera import RectifiedCamera
 from uw_recon_ros.rectify.row_error import RowAgreement, not_checked, scale_withheld
 from uw_recon_ros.rectify.seam import torn
 from uw_recon_ros.rectify.stage import Rectify
-from uw_recon_ros.rectify.tie_points import find_tie_points
+from uw_recon_ros.rectify.tie_points import TiePoints, find_tie_points
 from uw_recon_ros.stopwatch import Stopwatch
 from uw_recon_ros.survey.store import OK, UNRELIABLE
-from uw_recon_ros.types import EnhancedPair, RectifiedPair, StereoPair
+from uw_recon_ros.types import DisparityMap, EnhancedPair, RectifiedPair, StereoPair
 
 QUANTILES = (5, 25, 50, 75, 95)
 
@@ -40,19 +49,43 @@ class WatchedRectify:
         The rig's.
     """
 
-    def __init__(self, rectify: Rectify, rectification: Rectification) -> None:
-        self._rectify, self._rectification = rectify, rectification
+    def __init__(self, rectify: Rectify, rectification: Rectification, moments: Moments | None = None) -> None:
+        self._rectify, self._rectification, self._moments = rectify, rectification, moments
         self.rows = RowAgreement()
         self.findings: tuple[Finding, ...] = ()
+        self.late: LateRight | None = None
 
     def __call__(self, enhanced: EnhancedPair) -> RectifiedPair:
         """Rectify one pair; without metres where its rows are too far off."""
         params, rectification = self._rectify.params, self._rectification
-        self.rows, found = watch_rows(enhanced, rectification, params)
+        points = _tie_points(enhanced, params)
+        if self._moments is not None and isinstance(points, TiePoints):
+            rectification, self.late = _turned_back(rectification, self._moments, points)
+        self.rows, found = watch_rows(points, rectification, params)
         if scale_withheld(found):
             rectification = replace(rectification, geometry=rectification.geometry.unscaled)
-        self.findings = together(enhanced, rectification, found)
+        self.findings = together(enhanced, rectification, found + self._not_of_one_moment())
         return self._rectify(enhanced, rectification)
+
+    def _not_of_one_moment(self) -> tuple[Finding, ...]:
+        if self._moments is None or self.late is not None:
+            return ()
+        text = (
+            f"the right image was taken {1e3 * self._moments.lag_s:+.1f} ms from the left one, and how the rig moved "
+            f"meanwhile is not known: its depths are less sure ({UNSEEN_SPEED:g} m/s assumed)"
+        )
+        return (Finding(Code.RECORDING_PARTNERS_APART, text, advice="cameras with a common trigger, or higher rates"),)
+
+    def of_one_moment(self, disparity: DisparityMap) -> DisparityMap:
+        """Disparities as if both images had been taken at once."""
+        return disparity if self._moments is None else of_one_moment(disparity, self.late, self._moments.lag_s)
+
+    def lag(self) -> dict[str, Any]:
+        """For the frame's row: how far the images are apart, and how far the rig moved along the baseline meanwhile."""
+        if self._moments is None:
+            return {}
+        moved = None if self.late is None else 1e3 * self.late.moved
+        return {"lag_ms": 1e3 * self._moments.lag_s, "moved_mm": moved}
 
 
 class FrameProducts(Products):
@@ -67,6 +100,12 @@ class FrameProducts(Products):
         """Of this very pair's tie points."""
         _ = self.rectified
         return self._watched.rows
+
+    @property
+    def lag(self) -> dict[str, Any]:
+        """Of the pair's images, where they were not taken at one moment."""
+        _ = self.rectified
+        return self._watched.lag()
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -89,24 +128,48 @@ class FramePipeline:
         return self._preprocess(pair, find_regions(pair, before))
 
     def __call__(
-        self, pair: StereoPair, rectification: Rectification, timed: Stopwatch, before: StereoPair | None = None
+        self,
+        pair: StereoPair,
+        rectification: Rectification,
+        timed: Stopwatch,
+        before: StereoPair | None = None,
+        moments: Moments | None = None,
     ) -> FrameProducts:
         """Take one pair; nothing is made of it yet."""
-        watched = WatchedRectify(self._rectify, rectification)
-        stages = Stages(partial(self.enhance, before=before), watched, self._match, self._reconstruct)
+        watched = WatchedRectify(self._rectify, rectification, moments)
+        stages = Stages(
+            partial(self.enhance, before=before), watched,
+            lambda rectified: watched.of_one_moment(self._match(rectified)), self._reconstruct,
+        )  # fmt: skip
         return FrameProducts(pair, stages, watched, timed)
 
 
-def watch_rows(
-    pair: EnhancedPair, rectification: Rectification, params: RectifyParams
-) -> tuple[RowAgreement, tuple[Finding, ...]]:
-    """How far the rows of this very pair agree, and what is to be told of it."""
+def _tie_points(pair: EnhancedPair, params: RectifyParams) -> TiePoints | EstimationError:
+    """Of this very pair, or why there are none."""
     try:
-        found = find_tie_points(pair, params)
+        return find_tie_points(pair, params)
     except EstimationError as error:
-        return RowAgreement(), not_checked(str(error), error.code)
+        return error
+
+
+def watch_rows(
+    found: TiePoints | EstimationError, rectification: Rectification, params: RectifyParams
+) -> tuple[RowAgreement, tuple[Finding, ...]]:
+    """How far the rows of a pair with these tie points agree, and what is to be told of it."""
+    if isinstance(found, EstimationError):
+        return RowAgreement(), not_checked(str(found), found.code)
     rows = RowAgreement.measured(rectification, found)
     return rows, rows.findings(params) + torn(rectification, found)
+
+
+def _turned_back(
+    rectification: Rectification, moments: Moments, points: TiePoints
+) -> tuple[Rectification, LateRight | None]:
+    """The rig's rectification for a late right image; as it was where nobody can tell how the rig moved."""
+    if rectification.quality.method != "calibrated" or not isinstance(rectification.right, RectifiedCamera):
+        return rectification, None
+    motion = find_motion(moments, points, rectification)
+    return turned_back(rectification, motion, moments.lag_s, points) if motion is not None else (rectification, None)
 
 
 def together(pair: EnhancedPair, rig: Rectification, rows: tuple[Finding, ...]) -> tuple[Finding, ...]:
@@ -137,4 +200,5 @@ def describe(products: FrameProducts) -> dict[str, Any]:
         "energy": finite(disparity.energy),
         "rectification": products.rectified.quality.method,
         "findings": [finding.as_dict() for finding in severe(products.findings)],
+        **products.lag,
     }

@@ -23,7 +23,7 @@ from uw_recon_ros.survey.store import UNRELIABLE, Row, succeeded
 COLUMNS = (
     "frame", "source", "stamp_ns", "status", "reason", "density", "row_error_median_px", "row_error_p95_px",
     "residual_row_px", *(f"depth_p{q:02d}" for q in QUANTILES), "depth_density", "scale", "points", "triangles",
-    "min_disparity", "max_disparity", "method", "energy", "rectification", "warnings", "seconds",
+    "min_disparity", "max_disparity", "method", "energy", "rectification", "lag_ms", "moved_mm", "warnings", "seconds",
 )  # fmt: skip
 STAGE_COLUMNS = ("read", "preprocess", "rectify", "match", "depth", "cloud", "surface", "write")
 #: Columns and files whose bytes differ from run to run.
@@ -108,6 +108,7 @@ def report(
         "density": _summary(ok, "density"),
         "row_error_median_px": _summary(ok, "row_error_median_px"),
         "depth_p50": _summary(ok, "depth_p50"),
+        "partners": _partners(ok),
         "rigs": {str(rig): _rig(found) for rig, found in sorted(rectifications.items())},
         "notes": notes,
         "unreadable": unreadable,
@@ -136,6 +137,21 @@ def _summary(rows: list[Row], name: str) -> dict[str, float] | None:
     if not values:
         return None
     return {"least": min(values), "median": float(np.median(values)), "greatest": max(values)}
+
+
+def _partners(rows: list[Row]) -> dict[str, Any] | None:
+    """Pairs whose images were not taken at one moment, and what the rig did meanwhile."""
+    late = [row for row in rows if row.get("lag_ms") is not None]
+    if not late:
+        return None
+    lags = [abs(row["lag_ms"]) for row in late]
+    known = [abs(row["moved_mm"]) for row in late if row.get("moved_mm") is not None]
+    return {
+        "not_of_one_moment": len(late),
+        "lag_ms": {"median": float(np.median(lags)), "greatest": max(lags)},
+        "corrected": len(known),
+        "baseline_changed_mm": {"median": float(np.median(known)), "greatest": max(known)} if known else None,
+    }
 
 
 def _rig(found: Rectification) -> dict[str, Any]:

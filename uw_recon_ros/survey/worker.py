@@ -17,8 +17,10 @@ from uw_recon_ros.errors import CalibrationError, ReconError
 from uw_recon_ros.files.atomic import publish
 from uw_recon_ros.files.images import write_image
 from uw_recon_ros.findings import Code, Finding, Severity
+from uw_recon_ros.images import as_gray
 from uw_recon_ros.recordings.pair_index import Frame
 from uw_recon_ros.recordings.read import Reader
+from uw_recon_ros.rectify.late_right import Moments
 from uw_recon_ros.rectify.rectification import Rectification
 from uw_recon_ros.rectify.tie_points import TiePoints, find_tie_points
 from uw_recon_ros.report.figures import as_byte_rgb
@@ -29,6 +31,8 @@ from uw_recon_ros.survey.store import FAILED, PREVIEWS, Row, SurveyError, frame_
 from uw_recon_ros.survey.write import frame_files, side_by_side
 from uw_recon_ros.system_errors import our_fault
 from uw_recon_ros.types import StereoPair
+
+_AT_ONCE_NS = 200_000  # what moves 0.2 m/s comes 0.04 mm far
 
 
 class Workshop:
@@ -101,7 +105,8 @@ def reconstruct_frame(task: FrameTask) -> Row:
     try:
         with timed("read"):
             pair, before = shop.reader.read(frame), shop.reader.read_before(frame)
-        products = shop.pipeline(pair, shop.rectification(frame), timed, before)
+            moments = _moments(shop, frame, pair)
+        products = shop.pipeline(pair, shop.rectification(frame), timed, before, moments)
         row |= describe(products)
         files = _write_products(shop, frame, products, row)
     except (OSError, MemoryError, SurveyError):
@@ -113,6 +118,13 @@ def reconstruct_frame(task: FrameTask) -> Row:
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
     seconds = time.perf_counter() - started
     return row | {"files": files, "seconds": seconds, "stages_seconds": timed.seconds, "peak_mb": peak_mb}
+
+
+def _moments(shop: Workshop, frame: Frame, pair: StereoPair) -> Moments | None:
+    """Of a pair whose images are not of one moment; None where they are."""
+    if abs(frame.lag_ns) < _AT_ONCE_NS:
+        return None
+    return Moments(frame.lag_ns / 1e9, as_gray(pair.left), shop.reader.read_around(frame))
 
 
 def _write_products(shop: Workshop, frame: Frame, products: FrameProducts, row: Row) -> dict[str, int]:
