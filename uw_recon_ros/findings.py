@@ -111,6 +111,7 @@ class Code(str, Enum):
     RECTIFY_ROWS_DISAGREE = "rectify.rows_disagree"
     RECTIFY_SCALE_WITHHELD = "rectify.scale_withheld"
     RECTIFY_TIE_POINTS = "rectify.tie_points"
+    RECTIFY_UPSIDE_DOWN = "rectify.upside_down"
     # measuring
     MEASURE_INPUT = "measure.input"
     MEASURE_NO_DEPTH = "measure.no_depth"

@@ -5,9 +5,15 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from typing import TYPE_CHECKING
 
 from uw_recon_ros.cli.common import FAILED, OK, UsageError, add_calibration
 from uw_recon_ros.pairing import PAIR_TOLERANCE_MS
+
+if TYPE_CHECKING:
+    from uw_recon_ros.recordings.contents import RecordingInfo
+    from uw_recon_ros.recordings.options import Options
+    from uw_recon_ros.types import StereoCalibration
 
 HELP = "check whether a recording can be reconstructed"
 DESCRIPTION = (
@@ -48,6 +54,35 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_calibration(parser)
 
 
+def _same_way_up(
+    info: RecordingInfo, options: Options, given: StereoCalibration | None, images_rectified: str
+) -> RecordingInfo:
+    """The verdict, with what one pair out of the middle says of a camera upside down."""
+    from dataclasses import replace
+    from pathlib import Path
+
+    from uw_recon_ros.errors import ReconError
+    from uw_recon_ros.findings import Code
+    from uw_recon_ros.images import as_gray
+    from uw_recon_ros.recordings.recording import Recording
+    from uw_recon_ros.rectify.params import RectifyParams
+    from uw_recon_ros.rectify.tracker import RigTracker
+    from uw_recon_ros.types import EnhancedPair
+
+    if not info.reconstructable or not Path(info.path).exists():  # two videos, two bags: their survey tells
+        return info
+    try:
+        with Recording(info.path, options, given, images_rectified) as recording:
+            pair = recording[len(recording) // 2]
+        left, right = as_gray(pair.left), as_gray(pair.right)
+        shown = EnhancedPair(left, right, left, right, pair.stamp_ns, pair.frame_id, pair.calibration)
+        RigTracker(RectifyParams(images_rectified=images_rectified)).update(shown)
+    except ReconError as error:
+        if error.code == Code.RECTIFY_UPSIDE_DOWN:
+            return replace(info, reasons=(*info.reasons, str(error)))
+    return info
+
+
 def run(args: argparse.Namespace) -> int:
     """Look at the recording, and say what it allows."""
     from functools import partial
@@ -70,6 +105,7 @@ def run(args: argparse.Namespace) -> int:
     size = partial(first_size, find_sources(args.inputs), options)
     given = read_calibration(args.calibration, size) if args.calibration else None
     found = inspect_recording(args.inputs, options, given, args.images_rectified)
+    found = [_same_way_up(info, options, given, args.images_rectified) for info in found]
     fine = all(info.reconstructable for info in found)
     if args.json:
         each = [info.as_dict() for info in found]

@@ -25,6 +25,7 @@ _REMEDIES = {
     Code.RECTIFY_TIE_POINTS.value: "see left/image_matching: haze, darkness or no overlap? Calibrated rigs need no tie "
     "points",
     Code.RECTIFY_NO_PARALLAX.value: "see that the two topics are not of one camera",
+    Code.RECTIFY_UPSIDE_DOWN.value: "turn that camera's images by 180 deg (the driver's flip), and calibrate so",
     Code.IMAGE_IDENTICAL.value: "see that the two topics are not of one camera",
     Code.RECTIFY_FLAT_SCENE.value: "wait for a scene with depth, or calibrate the rig",
     Code.RECTIFY_CALIBRATED_IN_AIR.value: "calibrate in water: a calibration made in air does not hold there",

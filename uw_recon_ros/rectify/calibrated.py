@@ -17,6 +17,7 @@ from uw_recon_ros.rectify.refraction_check import PortIndex, port_index
 from uw_recon_ros.rectify.row_error import RowAgreement, not_checked, scale_withheld
 from uw_recon_ros.rectify.stereo_info import judged_rig
 from uw_recon_ros.rectify.tie_points import TiePoints
+from uw_recon_ros.rectify.upright import check_upright
 from uw_recon_ros.rectify.warp import inner_windows, make_canvas
 from uw_recon_ros.types import (
     Axis,
@@ -77,7 +78,8 @@ def _warped(
 
 
 def _check_sides(rectification: Rectification, tie_points: TiePoints) -> None:
-    """Refuse images whose matches contradict the calibration: swapped cameras."""
+    """Refuse images whose matches contradict the calibration: a camera upside down, swapped cameras."""
+    check_upright(*rectification.rectified(tie_points))
     if exchanged(rectification, tie_points):
         found = behind(rectification, tie_points)
         parallax = np.nanmedian(rectification.parallax(tie_points)) * rectification.geometry.baseline_sign

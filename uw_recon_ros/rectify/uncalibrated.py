@@ -17,6 +17,7 @@ from uw_recon_ros.rectify.rectified_camera import RectifiedCamera, Views
 from uw_recon_ros.rectify.row_error import row_noise
 from uw_recon_ros.rectify.shape import USUAL_FOCAL, projective, shape_sigma, with_lens
 from uw_recon_ros.rectify.tie_points import TiePoints, thinned
+from uw_recon_ros.rectify.upright import check_upright
 from uw_recon_ros.rectify.warp import inner_windows, make_canvas, swapped_map, swapped_window, warped_centre
 from uw_recon_ros.types import Axis, Matrix, RectificationQuality, StereoGeometry, Window
 
@@ -186,12 +187,14 @@ def estimate_rectification(tie_points: TiePoints, params: RectifyParams) -> Rect
     Raises
     ------
     EstimationError
-        Too few tie points, forward motion, rows that disagree, distorted images, swapped cameras; with the numbers.
+        Too few tie points, a camera upside down, forward motion, rows that disagree, distorted images, swapped cameras;
+        with the numbers.
     """
     if len(tie_points) < params.tie_points_min:
         raise EstimationError(
             f"rectification: expected at least {params.tie_points_min} tie points, got {len(tie_points)}"
         )
+    check_upright(tie_points.left, tie_points.right)
     candidate = choose_axis(thinned(tie_points, params.tie_points_max, params.rectify_seed), params)
     if rows_already_aligned(candidate, params):
         rectification = _as_given(candidate, params)
