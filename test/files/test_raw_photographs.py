@@ -13,7 +13,7 @@ from helpers.videos import texture
 
 from uw_recon_ros.cli import main
 from uw_recon_ros.errors import BagError, ImageError
-from uw_recon_ros.files.images import image_size, read_image
+from uw_recon_ros.files.images import image_size, read_image, write_image
 from uw_recon_ros.findings import Code
 from uw_recon_ros.recordings.info import inspect_recording
 from uw_recon_ros.recordings.recording import Recording
@@ -130,6 +130,14 @@ def test_without_the_extra_the_way_out_is_told(
         assert "pip install 'uw_recon_ros[raw]'" in told.out + told.err, words
 
 
+def test_a_jpeg_that_was_only_renamed_is_read(tmp_path: Path) -> None:
+    image = texture(1, (HEIGHT, WIDTH), 3.0)
+    write_image(tmp_path / "a.jpg", image)
+    renamed = (tmp_path / "a.jpg").rename(tmp_path / "a.HEIC")
+    assert image_size(renamed) == (WIDTH, HEIGHT)
+    assert np.abs(read_image(renamed).astype(float) - image).mean() < 8
+
+
 def rig(folder: Path, suffix: str = ".dng", count: int = 3) -> None:
     for number, side in enumerate(("left", "right")):
         (folder / side).mkdir()
@@ -156,8 +164,6 @@ def test_a_folder_of_them_is_a_recording(tmp_path: Path) -> None:
 
 def test_where_cameras_wrote_both_the_others_are_taken(tmp_path: Path) -> None:
     needs_rawpy()
-    from uw_recon_ros.files.images import write_image
-
     rig(tmp_path)
     for number, side in enumerate(("left", "right")):
         for n in range(3):

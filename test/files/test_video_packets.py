@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 
 import numpy as np
@@ -156,6 +157,21 @@ def _kept(codec: str) -> list[bytes]:
     if codec not in _STREAMS:
         _STREAMS[codec] = packets(IMAGES[:5], codec)
     return _STREAMS[codec]
+
+
+def test_what_a_stream_says_of_itself_costs_little() -> None:
+    """Of strangers: millions of units in a packet, numbers of any size where a few bits are usual."""
+    stream = packets(IMAGES, "h264")
+    for data in (b"\0\0\1" * 2_000_000, b"\x0a\0" * 2_000_000):
+        assert not any(is_key(data, codec) for codec in ("h264", "hevc", "vp9")) or data[0]
+        is_key(data, "libdav1d")
+    endless = b"\0\0\1\x67\x42\0\x1e\x80" + bytes([0, 0, 3] * 100) + b"\xff" * 150
+    wide = b"\0\0\1\x67\x42\0\x1e\x80\x00\x00\x3f\xff" + b"\xff" * 60
+    for header in (endless, wide):
+        made = decoder("h264")
+        for n, data in enumerate((header + stream[0], stream[1], stream[2])):
+            with contextlib.suppress(ImageError):
+                made.decode(data, n * 100 * MS)
 
 
 def test_h264_without_start_codes_is_named() -> None:

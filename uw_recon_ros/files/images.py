@@ -115,7 +115,7 @@ def read_image(path: str | Path) -> RawImage:
     suffix = Path(path).suffix.lower()
     try:
         data = read_bounded(path, LARGEST_IMAGE_FILE, ImageError)
-        return read_photograph(data, suffix) if suffix in PHOTOGRAPHS else decode_compressed(data)
+        return read_photograph(data, suffix) if _is_photograph(data, suffix) else decode_compressed(data)
     except ImageError as error:
         raise _of_file(path, error) from error
 
@@ -131,9 +131,14 @@ def image_size(path: str | Path) -> tuple[int, int]:
     suffix = Path(path).suffix.lower()
     try:
         data = read_bounded(path, LARGEST_IMAGE_FILE, ImageError)
-        return photograph_size(data, suffix) if suffix in PHOTOGRAPHS else declared_size(memoryview(data))
+        return photograph_size(data, suffix) if _is_photograph(data, suffix) else declared_size(memoryview(data))
     except ImageError as error:
         raise _of_file(path, error) from error
+
+
+def _is_photograph(data: bytes, suffix: str) -> bool:
+    """Whether it is for LibRaw or libheif: by its name, unless it is a JPEG that was only renamed."""
+    return suffix in PHOTOGRAPHS and not data.startswith(b"\xff\xd8\xff")
 
 
 def _of_file(path: str | Path, error: ImageError) -> ImageError:

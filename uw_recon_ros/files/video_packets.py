@@ -23,6 +23,7 @@ _KEY_H264, _KEY_HEVC = {5}, set(range(16, 22))  # types of NAL units that begin 
 _AV1_SEQUENCE_HEADER = 1  # in every key frame of a stream that can be joined
 _HIGH_PROFILES = {44, 83, 86, 100, 110, 118, 122, 128, 134, 135, 138, 139, 244}
 _LONGEST_HEADER = 512  # bytes of a NAL unit that are looked at
+_MOST_UNITS = 500  # of a packet
 _GAP = 1.8  # times the usual interval: a packet of a codec without numbers is missing
 
 
@@ -85,7 +86,9 @@ def is_key(data: bytes, codec: str) -> bool:
 def _nal_units(data: bytes) -> Iterator[bytes]:
     """Beginnings of the NAL units of Annex B, their headers included."""
     place = data.find(b"\0\0\1")
-    while 0 <= place < len(data) - 3:
+    for _ in range(_MOST_UNITS):
+        if not 0 <= place < len(data) - 3:
+            return
         yield data[place + 3 : place + 3 + _LONGEST_HEADER]
         place = data.find(b"\0\0\1", place + 3)
 
@@ -93,7 +96,9 @@ def _nal_units(data: bytes) -> Iterator[bytes]:
 def _obu_kinds(data: bytes) -> Iterator[int]:
     """Types of the open bitstream units of AV1 (5.3.1), as long as these tell their sizes."""
     place = 0
-    while place < len(data):
+    for _ in range(_MOST_UNITS):
+        if place >= len(data):
+            return
         head = data[place]
         yield head >> 3 & 15
         if not head & 2:
@@ -275,7 +280,10 @@ def _sequence_parameters(bits: _Bits) -> tuple[int, bool]:
             for number in range(12 if chroma == 3 else 8):
                 if bits.take(1):
                     _skip_scaling_list(bits, 16 if number < 6 else 64)
-    return bits.golomb() + 4, planes
+    width = bits.golomb() + 4
+    if width > 16:
+        raise IndexError("no stream has so many")
+    return width, planes
 
 
 def _skip_scaling_list(bits: _Bits, size: int) -> None:
