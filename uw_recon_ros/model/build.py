@@ -88,7 +88,7 @@ def build_model(request: ModelRequest, tell: Tell) -> dict[str, Any]:
         raise _stopped(place, error) from error
     located = replace(
         located, trajectory=replace(located.trajectory, origin=outside.origin),
-        findings=(*located.findings, *outside.findings),
+        findings=(*located.findings, *outside.findings), links=(),  # a long dive's take hundreds of megabytes
     )  # fmt: skip
     parts = _parts(located.trajectory)
     if not parts:
