@@ -19,7 +19,7 @@ from uw_recon_ros.texturing.raster import MapGrid, heights_of, normals_of
 from uw_recon_ros.texturing.simplify import vertex_normals
 from uw_recon_ros.types import ByteImage, FloatImage, Matrix
 
-_PLACES_A_FRAME, _MOST_PLACES = 100, 100_000  # where pictures are compared; about ten see each, at 0.5 kB a view
+_PLACES_A_FRAME, _MOST_PLACES = 100, 50_000  # where pictures are compared; some fifteen see each, at 0.5 kB a view
 _TOLERANCE = 2.0  # voxels between surface and picture's depth, beside its sigma
 
 
