@@ -48,7 +48,7 @@ def test_launch_file_shows_topics_of_the_table() -> None:
 
 #: Came after the contract was written; they take nothing away from it.
 NEWER = {"obstacles", "range", "odometry", "path", "model/submap", "model/points", "model/surface"}
-NEWER |= {"calibration/coverage"}
+NEWER |= {"calibration/coverage", "disparity/effort"}
 NEWER |= {f"{side}/image_raw/{end}" for side in ("left", "right") for end in ("ffmpeg", "foxglove")}
 
 

@@ -91,6 +91,13 @@ class RateParams(Params):
         low=0,
         high=1e3,
     )
+    better_every: int = param(
+        0,
+        "With target_rate_hz: pairs at least from one matched at the next better effort, where the mean rate allows, "
+        "to the following one; such a pair comes late. 0: none.",
+        low=0,
+        high=1000,
+    )
 
 
 @dataclass(frozen=True)

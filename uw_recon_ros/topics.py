@@ -16,6 +16,7 @@ LASER_SCAN, RANGE = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/Range"
 DISPARITY_IMAGE, MARKER = "stereo_msgs/msg/DisparityImage", "visualization_msgs/msg/Marker"
 FFMPEG_PACKET = "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"
 FOXGLOVE_VIDEO = "foxglove_msgs/msg/CompressedVideo"
+DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 ODOMETRY, PATH = "nav_msgs/msg/Odometry", "nav_msgs/msg/Path"
 SIDES = ("left", "right")
 #: How a camera's images come, by image_transport's names, and the type of each; those that come earlier are preferred.
@@ -80,6 +81,7 @@ TOPICS = (
     Topic("disparity/sigma", IMAGE, _DISPARITY, "Standard deviation of the disparity; NaN = invalid.", "32FC1", "px"),
     Topic("disparity/confidence", IMAGE, _DISPARITY, "Probability that the disparity is less than a pixel off; NaN = "
           "invalid.", "32FC1"),
+    Topic("disparity/effort", DIAGNOSTICS, _DISPARITY, "Effort spent on the disparity of this stamp."),
     Topic("disparity", DISPARITY_IMAGE, _DISPARITY, "Disparity u_left - u_right; NaN = invalid.", "32FC1", "px"),
     Topic("depth/camera_info", CAMERA_INFO, _CLOUD, "Camera of the depth image: D = 0, R = I.", metric=True),
     Topic("depth/sigma", IMAGE, _CLOUD, "Standard deviation of the depth; NaN = invalid.", "32FC1", "m", metric=True),

@@ -1,7 +1,7 @@
 """The four nodes as processes under a live load: how fresh, how steady, and what each costs.
 
 Usage: python test/benchmark/graph_load.py [--rates 5 10 15] [--seconds 20] [--size 640x480] [--odometry]
-    [--composed] [--output FILE]
+    [--composed] [-p NAME:=VALUE ...] [--output FILE]
 
 A simulated dive of known depth is played in real time to the four nodes, each a process (``--composed``: to
 ``pipeline_node``), with
@@ -242,10 +242,14 @@ def main() -> None:
     parser.add_argument("--max-disparity", type=int, default=63)
     parser.add_argument("--odometry", action="store_true", help="odometry_node beside them")
     parser.add_argument("--composed", action="store_true", help="pipeline_node in place of the four")
+    parser.add_argument(
+        "-p", action="append", default=[], dest="parameters", help="a parameter of the nodes, NAME:=VALUE"
+    )
     parser.add_argument("--output", type=Path)
     args = parser.parse_args()
     width, height = map(int, args.size.split("x"))
     parameters = ["-p", "min_disparity:=0", "-p", f"max_disparity:={args.max_disparity}"]
+    parameters += [word for given in args.parameters for word in ("-p", given)]
     stages = ("pipeline_node",) if args.composed else FOUR
     results, names = {}, (*stages, "odometry_node") if args.odometry else stages
     with tempfile.TemporaryDirectory(prefix="uw_recon_load_") as folder:

@@ -49,6 +49,27 @@ def test_every_node_is_killed_and_started_again(graph: Graph, started: dict, tmp
     assert not left_behind & set(os.listdir("/dev/shm"))  # freed by whoever starts next
 
 
+@pytest.mark.parametrize("names", [FOUR, PIPELINE], ids=["four", "one"])
+def test_one_core_is_taken_away_and_given_back(graph: Graph, names: tuple[str, ...]) -> None:
+    """Right answers on the one that is left, and nobody complains; the same when both are there again."""
+    running = [graph.start(name, *arguments(stall_warning_s=60.0)) for name in names]
+    trial = SeaTrial(graph, names)
+    trial.connected()
+    trial.sails()
+    cores = os.sched_getaffinity(0)
+    for allowed in ({min(cores)}, cores):
+        for node in running:
+            confine(node.process.pid, allowed)
+        trial.sails()
+    assert all(node.running for node in running)
+
+
+def confine(pid: int, cores: set[int]) -> None:
+    """Let a process run on these cores alone, with all threads that it has."""
+    for thread in os.listdir(f"/proc/{pid}/task"):
+        os.sched_setaffinity(int(thread), cores)
+
+
 def without_owner(segment: str) -> bool:
     """Whether whoever made a segment is gone."""
     try:

@@ -75,7 +75,7 @@ def test_disparity_and_its_companions(bench: Bench) -> None:
     bench.start(DisparityNode, **LIMITS)
     heard = {topic: bench.listen(kind, topic) for topic, kind in
              {"disparity": DisparityImage, "disparity/status": Image, "disparity/sigma": Image,
-              "disparity/confidence": Image}.items()}  # fmt: skip
+              "disparity/confidence": Image, "disparity/effort": DiagnosticArray}.items()}  # fmt: skip
     rectifier = Rectifier(bench)
     rectifier.connect()
     rectifier.send(5 * SECOND)
@@ -91,9 +91,10 @@ def test_disparity_and_its_companions(bench: Bench) -> None:
     for each in (
         message,
         message.image,
-        *(heard[f"disparity/{name}"][0] for name in ("status", "sigma", "confidence")),
+        *(heard[f"disparity/{name}"][0] for name in ("status", "sigma", "confidence", "effort")),
     ):
         assert (messages.stamp_ns(each), each.header.frame_id) == (5 * SECOND, FRAME)
+    assert heard["disparity/effort"][0].status[0].message == "balanced"
     assert (message.f, message.t) == (pytest.approx(FOCAL), pytest.approx(BASELINE))
     assert (message.min_disparity, message.max_disparity) == (0.0, 24.0)
 

@@ -35,7 +35,8 @@ TYPES = {
 LATCHED = {f"/{output.topic}" for output in OUTPUTS if output.latched}
 KINDS = ("Image", "PointCloud2", "Marker", "LaserScan", "Range", "Odometry", "Path")
 SHOWS = {kind: kind for kind in KINDS}  # RViz's display of a message
-NOT_IN_RVIZ = {"CameraInfo", "DisparityImage", "CompressedImage", "FFMPEGPacket", "CompressedVideo"}  # no display
+NOT_IN_RVIZ = {"CameraInfo", "DisparityImage", "CompressedImage", "FFMPEGPacket", "CompressedVideo"}
+NOT_IN_RVIZ |= {"DiagnosticArray"}  # words  # no display
 
 
 def rviz_displays(node: Any) -> Iterator[dict[str, Any]]:

@@ -21,6 +21,7 @@ from uw_recon_ros.messages.images import float_image_from_message, image_from_me
 from uw_recon_ros.types import ByteImage, DisparityMap, FloatImage, Status, StereoGeometry
 
 DISPARITY = "stereo_msgs/msg/DisparityImage"
+EFFORT = "diagnostic_msgs/msg/DiagnosticArray"
 _INTEGER_STEP, _SUBPIXEL_STEP = 1.0, 1.0 / 16.0
 _LARGEST_PX = 65_536.0
 
@@ -61,6 +62,16 @@ def confidence_message(make: MessageFactory, disparity: DisparityMap) -> Any:
     known = disparity.confidence
     values = np.full_like(disparity.disparity, np.nan) if known is None else known
     return image_message(make, values, _head(make, disparity))
+
+
+def effort_message(make: MessageFactory, disparity: DisparityMap, effort: str) -> Any:
+    """Make the ``disparity/effort`` message: what was spent on the disparity of the same stamp."""
+    values = [
+        make("diagnostic_msgs/msg/KeyValue", key=key, value=value)
+        for key, value in (("effort", effort), ("method", disparity.method))
+    ]
+    status = make("diagnostic_msgs/msg/DiagnosticStatus", name="disparity", message=effort, values=values)
+    return make(EFFORT, header=_head(make, disparity), status=[status])
 
 
 def _head(make: MessageFactory, disparity: DisparityMap) -> Any:

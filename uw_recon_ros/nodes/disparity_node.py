@@ -8,6 +8,7 @@
 | `disparity/status` | Image mono8 | out: `Status` bits, why a pixel is invalid |
 | `disparity/sigma` | Image 32FC1 | out: standard deviation, px |
 | `disparity/confidence` | Image 32FC1 | out: probability of being less than a pixel off |
+| `disparity/effort` | diagnostic_msgs/DiagnosticArray | out: effort spent on the disparity of this stamp |
 """
 
 from __future__ import annotations
@@ -21,7 +22,13 @@ from uw_recon_ros.node_params import DisparityMessageParams, RateParams
 from uw_recon_ros.ros.declarations import Input, input_topic, outputs_of
 from uw_recon_ros.ros.diagnostics import Diagnostics
 from uw_recon_ros.ros.message_groups import Group
-from uw_recon_ros.ros.messages import confidence_message, disparity_message, sigma_message, status_message
+from uw_recon_ros.ros.messages import (
+    confidence_message,
+    disparity_message,
+    effort_message,
+    sigma_message,
+    status_message,
+)
 from uw_recon_ros.ros.node import StageNode
 from uw_recon_ros.ros.node_matcher import NodeMatcher
 from uw_recon_ros.ros.outputs import Outputs
@@ -50,8 +57,9 @@ def report_disparity(diagnostics: Diagnostics, disparity: DisparityMap) -> None:
     )
 
 
-def publish_disparity(outputs: Outputs, disparity: DisparityMap, params: DisparityMessageParams) -> None:
-    """Publish what the matching stage made."""
+def publish_disparity(outputs: Outputs, disparity: DisparityMap, effort: str, params: DisparityMessageParams) -> None:
+    """Publish what the matching stage made, and what was spent on it."""
+    outputs.send("disparity/effort", lambda: effort_message(disparity, effort))
     outputs.send("disparity/status", lambda: status_message(disparity))
     outputs.send("disparity/sigma", lambda: sigma_message(disparity))
     outputs.send("disparity/confidence", lambda: confidence_message(disparity))
@@ -84,7 +92,7 @@ class DisparityNode(StageNode[DisparityStage]):
         """Match one pair."""
         disparity = stage.match(rectified_pair(group))
         report_disparity(self.diagnostics, disparity)
-        publish_disparity(outputs, disparity, stage.message)
+        publish_disparity(outputs, disparity, stage.match.spent, stage.message)
         return disparity.stamp_ns
 
     def finished(self, stage: DisparityStage, took_s: float) -> None:

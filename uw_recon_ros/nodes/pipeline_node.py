@@ -109,7 +109,7 @@ class PipelineNode(StageNode[NodeStages]):
     def _reconstruct(self, stage: NodeStages, products: Products, outputs: Outputs) -> None:
         disparity, left = products.disparity, stage.reconstruct.texture(products.rectified)
         disparity_node.report_disparity(self.diagnostics, disparity)
-        disparity_node.publish_disparity(outputs, disparity, stage.params[DisparityMessageParams])
+        disparity_node.publish_disparity(outputs, disparity, stage.match.spent, stage.params[DisparityMessageParams])
         point_cloud_node.publish_reconstruction(
             outputs, self.diagnostics, stage.reconstruct, stage.obstacles, disparity, left
         )

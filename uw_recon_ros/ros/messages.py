@@ -13,7 +13,7 @@ from uw_recon_ros.ros.message_types import MAKE
 
 __all__ = [
     "camera_info_message", "cloud_message", "confidence_message", "depth_messages", "disparity_from_message",
-    "disparity_message", "float_image_from_message", "header", "image_from_message", "image_message",
+    "disparity_message", "effort_message", "float_image_from_message", "header", "image_from_message", "image_message",
     "odometry_message", "path_message", "range_message", "raw_image_message", "received_stamp_ns", "rectified_infos",
     "scan_message",
     "sigma_message", "stamp_ns", "status_message",
@@ -30,6 +30,7 @@ disparity_message = partial(disparities.disparity_message, MAKE)
 status_message = partial(disparities.status_message, MAKE)
 sigma_message = partial(disparities.sigma_message, MAKE)
 confidence_message = partial(disparities.confidence_message, MAKE)
+effort_message = partial(disparities.effort_message, MAKE)
 depth_messages = partial(clouds.depth_messages, MAKE)
 cloud_message = partial(clouds.cloud_message, MAKE)
 surface_message = partial(clouds.surface_message, MAKE)

@@ -26,6 +26,11 @@ class NodeMatcher:
     ----------
     params : MatchParams
     rate : RateParams
+
+    Attributes
+    ----------
+    spent : str
+        Effort of the last pair; empty before the first, and for a method that has none.
     """
 
     def __init__(self, params: MatchParams, rate: RateParams) -> None:
@@ -35,10 +40,11 @@ class NodeMatcher:
         if rate.target_rate_hz > 0:
             if params.method == "graph_cut":
                 efforts = EFFORTS[: EFFORTS.index(params.effort) + 1]
-            self._governor = EffortGovernor(efforts, 1 / rate.target_rate_hz)
+            self._governor = EffortGovernor(efforts, 1 / rate.target_rate_hz, rate.better_every)
         self._matches = {effort: Match(replace(params, effort=effort)) for effort in efforts}
         self._sequence = MatchSequence()
         self._matched_s: float | None = None
+        self.spent = ""
 
     @property
     def effort(self) -> str:
@@ -53,7 +59,9 @@ class NodeMatcher:
     def __call__(self, pair: RectifiedPair) -> DisparityMap:
         """Match one pair."""
         began = time.monotonic()
-        found = self._sequence(self._matches[self.effort], pair)
+        effort = self.effort
+        found = self._sequence(self._matches[effort], pair)
+        self.spent = effort if self.params.method == "graph_cut" else ""
         self._matched_s = time.monotonic() - began
         return found
 
@@ -62,7 +70,7 @@ class NodeMatcher:
         matched_s, self._matched_s = self._matched_s, None
         if matched_s is None:  # nobody listened that far
             return
-        spent = self.effort if self.params.method == "graph_cut" else None
+        spent = self.spent or None
         diagnostics.say(effort=spent)
         if self._governor is None:
             diagnostics.say(**dict.fromkeys((_TARGET, _POSSIBLE)))
