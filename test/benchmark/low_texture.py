@@ -17,6 +17,7 @@ from drowned_pairs import WATERS, Truth, drown, pairs
 from uw_recon_ros.evaluate import evaluate
 from uw_recon_ros.match.methods import EFFORTS
 from uw_recon_ros.match.planes import matcher
+from uw_recon_ros.match.planes.texture import Texture
 from uw_recon_ros.types import Mask, Status
 
 KEPT = ("air", "hazy", "noisy", "uneven")
@@ -27,8 +28,8 @@ def measure(truth: Truth, water: str, effort: str) -> list[float]:
     left, right = drown(truth, WATERS[water])
     real, row = matcher.untextured_mask, []
 
-    def nothing(left: np.ndarray, right: np.ndarray) -> Mask:
-        return np.zeros(left.shape[:2], np.bool_)
+    def nothing(texture: Texture) -> Mask:
+        return np.zeros(texture.left.shape[:2], np.bool_)
 
     for rule in (nothing, real):
         matcher.untextured_mask = rule  # type: ignore[assignment]

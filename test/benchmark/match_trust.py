@@ -5,7 +5,8 @@
 On six small pairs (or the four of Middlebury's first set): pixels with a disparity; of these, those over 1 px wrong;
 those over 4 px wrong whose sigma is under 1 px, errors within one sigma; what the confidence says is wrong on the mean;
 and the errors of the most certain 80 %. All in percent. `--learn` prints the weights of ``match/planes/confidence.py``
-instead, from the six pairs, and the figures of each with the weights of the others. Needs ``../shared/data``.
+instead, from the six pairs, and the figures of each with the weights of the others: `WRONG` from the waters given (it
+is that of air), `FAR` from all waters of ``drowned_pairs.py``; murk and grain are others. Needs ``../shared/data``.
 """
 
 from __future__ import annotations
@@ -13,17 +14,22 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
+from unittest.mock import patch
 
 import numpy as np
 from drowned_pairs import STEREO, THIRDS, WATERS, Truth, drown, pairs
+from held_out import DROWNED
 from numpy.typing import NDArray
 
 from uw_recon_ros.match.methods import EFFORTS
-from uw_recon_ros.match.planes import confidence
+from uw_recon_ros.match.planes import confidence, matcher
 from uw_recon_ros.match.planes.matcher import GraphCutResult, graph_cut
 
 CERTAIN = 80  # %
+FAR_AND_SURE = 0.001  #: share of all pixels that `FAR` may leave over 4 px wrong with a sigma under 1
+TOLD = ("wrong", f"of the surest {CERTAIN} %", "doubtful", "far and sure all the same")
+ALL_WATERS = {**WATERS, **DROWNED}
 SAMPLES, ROUNDS, RIDGE = 8000, 12, 1e-2
 Floats = NDArray[np.floating[Any]]
 
@@ -39,20 +45,33 @@ def measure(result: GraphCutResult, truth: Truth) -> list[float]:
     return [100 * float(x) for x in (known.sum() / truth.mask.sum(), *(np.mean(share) for share in shares))]
 
 
-def signs(truth: Truth, water: str, effort: str) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """What betrays errors, (N, 6), and the errors, (N,), of a pair's matched pixels."""
-    seen: list[NDArray[np.float32]] = []
-    real = confidence.signs_of_error
+class Seen(NamedTuple):
+    """A pair's matched pixels: what betrays errors, (N, 8), errors and sigma without regard to that, px, (N,)."""
 
-    def kept(*arrays: Any) -> NDArray[np.float32]:
-        seen.append(real(*arrays))
-        return seen[-1]
+    signs: Floats
+    error: Floats
+    sigma: Floats
 
-    confidence.signs_of_error = kept
-    result = graph_cut(*drown(truth, WATERS[water]), 0, truth.max_disparity - 1, effort=effort)
-    confidence.signs_of_error = real
-    known = truth.mask & np.isfinite(result.disparity)
-    return seen[0][known], np.abs(result.disparity - truth.disparity)[known] > confidence.WRONG_PX
+
+def look(truth: Truth, water: str, effort: str) -> Seen:
+    """Match a pair and keep some of its pixels."""
+    kept: list[confidence.Signs] = []
+    real = matcher.signs_of_error
+
+    def keep(*arrays: Any) -> confidence.Signs:
+        kept.append(real(*arrays))
+        return kept[-1]
+
+    with (
+        patch.object(matcher, "signs_of_error", keep),
+        patch.object(matcher, "doubtful", lambda signs, _: np.zeros(signs.step.shape, np.bool_)),
+    ):
+        result = graph_cut(*drown(truth, ALL_WATERS[water]), 0, truth.max_disparity - 1, effort=effort)
+    known = np.flatnonzero(truth.mask & np.isfinite(result.disparity))
+    known = np.random.default_rng(0).choice(known, SAMPLES)
+    columns = [np.broadcast_to(sign, truth.mask.shape).ravel()[known] for sign in kept[0]]
+    error = np.abs(result.disparity - truth.disparity).ravel()[known]
+    return Seen(np.column_stack(columns), error, result.sigma.ravel()[known])
 
 
 def learn(x: Floats, wrong: Floats) -> Floats:
@@ -66,33 +85,57 @@ def learn(x: Floats, wrong: Floats) -> Floats:
     return weights
 
 
+def joined(parts: list[Seen]) -> Seen:
+    """As of one pair."""
+    return Seen(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+
+def far_weights(seen: Seen) -> Floats:
+    """Of errors over `confidence.FAR_PX`, so that more than 0 is doubtful."""
+    weights = learn(seen.signs, seen.error > confidence.FAR_PX)
+    odds = seen.signs @ weights[1:] + weights[0]
+    order = np.argsort(odds)
+    left = np.cumsum((_far_and_sure(seen))[order]) / len(order)
+    weights[0] -= odds[order][np.searchsorted(left, FAR_AND_SURE)]
+    return weights
+
+
+def _far_and_sure(seen: Seen) -> NDArray[np.bool_]:
+    return (seen.error > confidence.FAR_PX) & (seen.sigma < 1)
+
+
 def learnt(effort: str, waters: list[str]) -> Iterator[str]:
     """The weights from all pairs, and what each pair's errors are with the weights of the others."""
-    rng = np.random.default_rng(0)
-    seen = {truth.name: [signs(truth, water, effort) for water in waters] for truth in pairs(THIRDS)}
+    seen = {t.name: {w: look(t, w, effort) for w in {*WATERS, *waters}} for t in pairs(THIRDS)}
+    names = list(seen)
 
-    def from_pairs(names: list[str]) -> Floats:
-        parts = [part for name in names for part in seen[name]]
-        chosen = [rng.integers(len(wrong), size=SAMPLES) for _, wrong in parts]
-        return learn(*(np.concatenate([part[i][c] for part, c in zip(parts, chosen, strict=True)]) for i in (0, 1)))
+    def wrong_of(some: list[str]) -> Floats:
+        parts = joined([seen[name][water] for name in some for water in waters])
+        return learn(parts.signs[:, :-2], parts.error > confidence.WRONG_PX)
 
-    yield f"{effort}: {', '.join(f'{w:.2f}' for w in from_pairs(list(seen)))}"
-    for name, ((x, wrong), *_) in seen.items():
-        weights = from_pairs([other for other in seen if other != name])
-        trust = -(x @ weights[1:] + weights[0])
-        surest = np.argsort(-trust, kind="stable")[: len(trust) * CERTAIN // 100]
-        doubtful = trust < np.log(confidence.DOUBTFUL / (1 - confidence.DOUBTFUL))
-        shares = [100 * float(share.mean()) for share in (wrong, wrong[surest], doubtful)]
-        yield "  {}: wrong {:.2f} %, of the surest {} % {:.2f} %, doubtful {:.1f} %".format(
-            name, shares[0], CERTAIN, *shares[1:]
-        )
+    def far_of(some: list[str]) -> Floats:
+        return far_weights(joined([seen[name][water] for name in some for water in WATERS]))
+
+    for title, weights in (("WRONG", wrong_of(names)), ("FAR", far_of(names))):
+        yield f"{effort}: {title} {', '.join(f'{w:.2f}' for w in weights)}"
+    for name in names:
+        others = [other for other in names if other != name]
+        wrong, far = wrong_of(others), far_of(others)
+        for water in waters:
+            one = seen[name][water]
+            surest = np.argsort(one.signs[:, :-2] @ wrong[1:], kind="stable")[: len(one.error) * CERTAIN // 100]
+            doubtful = one.signs @ far[1:] + far[0] > 0
+            told = [(one.error > 1).mean(), (one.error > 1)[surest].mean(), doubtful.mean()]
+            told.append((_far_and_sure(one) & ~doubtful).mean())
+            shares = ", ".join(f"{title} {100 * share:.2f} %" for title, share in zip(TOLD, told, strict=True))
+            yield f"  {name}, {water}: {shares}"
 
 
 def table(four: bool, effort: str, water: str) -> Iterator[str]:
     """Markdown, a row a pair, then the means."""
     everything = list(pairs(STEREO if four else THIRDS))
     rows = [
-        measure(graph_cut(*drown(t, WATERS[water]), 0, t.max_disparity - 1, effort=effort, threads=2), t)
+        measure(graph_cut(*drown(t, ALL_WATERS[water]), 0, t.max_disparity - 1, effort=effort, threads=2), t)
         for t in everything
     ]
     for name, row in zip([*(t.name for t in everything), "mean"], [*rows, np.mean(rows, axis=0)], strict=True):
@@ -108,7 +151,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--four", action="store_true")
     parser.add_argument("--efforts", nargs="+", choices=EFFORTS, default=list(EFFORTS))
-    parser.add_argument("--waters", nargs="+", choices=list(WATERS), default=["air", "hazy"])
+    parser.add_argument("--waters", nargs="+", choices=list(ALL_WATERS), default=["air", "hazy"])
     parser.add_argument("--learn", action="store_true")
     args = parser.parse_args()
     if args.learn:

@@ -14,7 +14,7 @@ from test_planes_matcher import Image, pair_of, texture, to_bytes
 from uw_recon_ros.match.methods import EFFORTS
 from uw_recon_ros.match.planes import refinement
 from uw_recon_ros.match.planes.matcher import graph_cut
-from uw_recon_ros.match.planes.texture import derivative, local_variance, noise_sigma, untextured_mask
+from uw_recon_ros.match.planes.texture import Texture, derivative, local_variance, noise_sigma, untextured_mask
 from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.types import RectificationQuality, RectifiedPair, Status
 
@@ -76,23 +76,23 @@ def test_noise_alone_is_hardly_ever_taken_for_texture(shape: tuple[int, int]) ->
     shares = []
     for seed in range(20):
         sides = [noisy(np.full(shape, 120.0), 4.0, 2 * seed + side)[..., None] for side in (0, 1)]
-        shares.append(untextured_mask(*sides).mean())
+        shares.append(untextured_mask(Texture(*sides)).mean())
     assert np.mean(shares) > 0.9
 
 
 def test_stripes_along_the_rows_tell_no_disparity() -> None:
     rows = np.repeat(texture(120, 1, 5)[..., 0], 180, axis=1)
     left, right = (noisy(rows, 2.0, seed)[..., None] for seed in (1, 2))
-    assert untextured_mask(left, right).mean() > 0.9
+    assert untextured_mask(Texture(left, right)).mean() > 0.9
     upright = [np.ascontiguousarray(image.swapaxes(0, 1)) for image in (left, right)]
-    assert untextured_mask(*upright).mean() < 0.02
+    assert untextured_mask(Texture(*upright)).mean() < 0.02
 
 
 def test_the_noisier_camera_decides() -> None:
     faint = 100 + (texture(120, 160, 2) - 128) / 15
     left = noisy(faint, 0.5, 1)
-    assert untextured_mask(left, noisy(faint, 0.5, 2)).mean() < 0.05
-    assert untextured_mask(left, noisy(faint, 10.0, 2)).mean() > 0.6
+    assert untextured_mask(Texture(left, noisy(faint, 0.5, 2))).mean() < 0.05
+    assert untextured_mask(Texture(left, noisy(faint, 10.0, 2))).mean() > 0.6
 
 
 @pytest.mark.parametrize("sigma", [1.0, 3.0, 12.0])

@@ -15,7 +15,7 @@ from uw_recon_ros.errors import EstimationError
 from uw_recon_ros.findings import Code
 from uw_recon_ros.match.disparity_range import find_disparity_range
 from uw_recon_ros.match.methods import EFFORTS, METHODS, NETWORK_VALUES
-from uw_recon_ros.match.planes.confidence import confidence_of
+from uw_recon_ros.match.planes.confidence import confidence_of, signs_of_error
 from uw_recon_ros.match.planes.matcher import graph_cut
 from uw_recon_ros.match.planes.motion import FrameBefore
 from uw_recon_ros.match.planes.start import Beginning
@@ -306,8 +306,10 @@ class Match:
         )
         sigma = np.full(result.disparity.shape, WHOLE_PIXEL_SIGMA, np.float32)
         disparity, known = result.disparity, np.isfinite(result.disparity)
-        confidence = confidence_of(disparity, sigma, disparity, known, "navigation")
-        return _Solution(disparity, sigma, confidence, np.zeros(sigma.shape, np.uint8), float(result.energy))
+        none = np.zeros(sigma.shape, np.uint8)
+        signs = signs_of_error(disparity, sigma, disparity, none, 0.0)
+        confidence = np.where(known, confidence_of(signs, "navigation"), np.float32(np.nan))
+        return _Solution(disparity, sigma, confidence, none, float(result.energy))
 
 
 def _scenes(pair: MatchingPair) -> list[ByteImage]:

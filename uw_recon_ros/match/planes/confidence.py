@@ -1,9 +1,10 @@
 """How likely a disparity is right, from what can be seen of the result alone.
 
 Sigma tells how exact a right match is; a wrong one looks as exact. What betrays it are its surroundings: planes that
-the start does not support, steps nearby, and neighbours without a match. How much each tells was learnt by logistic
-regression on errors of more than `WRONG_PX` in air (``test/benchmark/match_trust.py --learn --waters air``), and
-checked on pairs left out.
+the start does not support, steps nearby, neighbours without a match, a start that the views disagree about far around;
+and noise that comes near the texture's contrast, as in haze. How much each tells was learnt by logistic regression on
+six pairs in air and four waters (``test/benchmark/match_trust.py --learn``), for errors of more than `WRONG_PX`, and
+for those of more than `FAR_PX` apart: these must not look exact. It was checked on pairs left out, and in other waters.
 """
 
 from __future__ import annotations
@@ -12,16 +13,46 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from uw_recon_ros.types import FloatImage, Mask
+from uw_recon_ros.types import ByteImage, FloatImage, Mask, Status
 
-WRONG_PX = 1.0
+WRONG_PX, FAR_PX = 1.0, 4.0
 SUPPORT_PX = 1.5  #: the start supports what is this near to it
 AROUND, BESIDE, STEP_WINDOW = 25, 7, 9  #: sides of windows, px
+FAR_AROUND = 101  #: side of the window that the views' disagreement is averaged over, px
 LARGEST_STEP = 8.0  #: px
-DOUBTFUL = 0.96  #: where the confidence is less, no sigma is smaller than `DOUBTFUL_SIGMA` px
-DOUBTFUL_SIGMA = 1.0
+GRAIN = 0.02  #: noise over contrast that is as good as none
+DOUBTFUL = 0.93  #: what is less likely to be right than this may be far off, whatever else is seen
+DOUBTFUL_SIGMA = 1.0  #: least sigma of what may be far off, px
+
+
+class Signs(NamedTuple):
+    """What betrays errors, (H, W) float32 each but the last.
+
+    Parameters
+    ----------
+    log_sigma
+        Natural logarithm of sigma, px.
+    unsupported, here
+        Share of the surroundings that the start does not support; and where it does not support the pixel, 1.
+    step
+        Largest step nearby, as a part of `LARGEST_STEP`.
+    hollow, sparse
+        Share of pixels without a disparity, beside and around.
+    contradicted
+        Share of the start far around that the views disagree about, occlusions and the border apart.
+    grain : float
+        Natural logarithm of the noise over the contrast, of the whole view.
+    """
+
+    log_sigma: FloatImage
+    unsupported: FloatImage
+    here: FloatImage
+    step: FloatImage
+    hollow: FloatImage
+    sparse: FloatImage
+    contradicted: FloatImage
+    grain: float
 
 
 class Weights(NamedTuple):
@@ -30,72 +61,98 @@ class Weights(NamedTuple):
     Parameters
     ----------
     constant : float
-    sigma : float
-        Times the natural logarithm of sigma, px.
-    unsupported, here : float
-        Times the share of the surroundings that the start does not support; and where it does not support the pixel.
-    step : float
-        Times the largest step nearby, as a part of `LARGEST_STEP`.
-    hollow, sparse : float
-        Times the share of pixels without a disparity, beside and around.
+    signs : tuple of float
+        Times each of `Signs`.
     """
 
     constant: float
-    sigma: float
-    unsupported: float
-    here: float
-    step: float
-    hollow: float
-    sparse: float
+    signs: tuple[float, ...]
 
 
-WEIGHTS = {
-    "navigation": Weights(-4.21, 0.01, 0.0, 0.0, 3.2, 2.31, 2.35),
-    "balanced": Weights(-4.55, 0.58, 4.26, 1.1, 2.78, 1.52, -0.35),
-    "quality": Weights(-5.08, 0.54, 3.62, 1.4, 3.08, 0.55, 2.62),
+#: Of errors over `WRONG_PX`, from air alone: where in a view errors are, whatever the water.
+WRONG = {
+    "navigation": Weights(-4.21, (0.01, 0.0, 0.0, 3.2, 2.31, 2.35, 0.0, 0.0)),
+    "balanced": Weights(-4.55, (0.58, 4.26, 1.1, 2.78, 1.52, -0.35, 0.0, 0.0)),
+    "quality": Weights(-5.08, (0.54, 3.62, 1.4, 3.08, 0.55, 2.62, 0.0, 0.0)),
+}
+#: Of errors over `FAR_PX`, from air and four waters; more than 0 is doubtful.
+FAR = {
+    "navigation": Weights(-0.7, (-0.11, 0.0, 0.0, 2.61, 0.2, 2.31, 15.14, 0.16)),
+    "balanced": Weights(-0.09, (0.28, 1.91, 0.45, 1.65, 0.41, 1.84, 12.96, 0.32)),
+    "quality": Weights(-0.09, (0.28, 1.91, 0.45, 1.65, 0.41, 1.84, 12.96, 0.32)),
 }
 
 
-def confidence_of(disparity: FloatImage, sigma: FloatImage, start: FloatImage, agreed: Mask, effort: str) -> FloatImage:
-    """Probability that a disparity is less than `WRONG_PX` off.
+def confidence_of(signs: Signs, effort: str) -> FloatImage:
+    """Probability that a disparity is less than `WRONG_PX` off, (H, W); meaningless where there is none.
+
+    Parameters
+    ----------
+    signs : Signs
+    effort : {'navigation', 'balanced', 'quality'}
+        That found the disparity.
+    """
+    return np.asarray(1 / (1 + np.exp(_weighed(signs, WRONG[effort]))), np.float32)
+
+
+def doubtful(signs: Signs, effort: str) -> Mask:
+    """Where a disparity may be more than `FAR_PX` off, (H, W) bool: of what remains, hardly one in 1000 is.
+
+    Parameters
+    ----------
+    signs : Signs
+    effort : {'navigation', 'balanced', 'quality'}
+        That found the disparity.
+    """
+    return np.asarray((_weighed(signs, FAR[effort]) > 0) | (confidence_of(signs, effort) < DOUBTFUL))
+
+
+def _weighed(signs: Signs, weights: Weights) -> FloatImage:
+    total = np.full(signs.step.shape, weights.constant, np.float32)
+    for sign, weight in zip(signs, weights.signs, strict=True):
+        if weight:
+            total += np.float32(weight) * sign
+    return total
+
+
+def signs_of_error(
+    disparity: FloatImage, sigma: FloatImage, start: FloatImage, status: ByteImage, grain: float
+) -> Signs:
+    """Look for what betrays errors.
 
     Parameters
     ----------
     disparity, sigma : (H, W) float32
         px; NaN = none.
     start : (H, W) float32
-        Of the semi-global aggregation, px; `agreed` (H, W) bool says where both views agree about it.
-    effort : {'navigation', 'balanced', 'quality'}
-        That found the disparity.
-
-    Returns
-    -------
-    (H, W) float32
-        0 to 1; NaN where `disparity` is.
+        What the planes began with, px; ``status``, (H, W) uint8, says where both views agree about it.
+    status : (H, W) uint8
+    grain : float
+        Noise over contrast, of `gray.noise_to_contrast`.
     """
-    odds: NDArray[np.float32] = signs_of_error(disparity, sigma, start, agreed) @ np.array(
-        WEIGHTS[effort][1:], np.float32
-    )
-    right = 1 / (1 + np.exp(odds + np.float32(WEIGHTS[effort].constant)))
-    return np.asarray(np.where(np.isfinite(disparity), right, np.nan), np.float32)
-
-
-def signs_of_error(disparity: FloatImage, sigma: FloatImage, start: FloatImage, agreed: Mask) -> NDArray[np.float32]:
-    """What `Weights` multiply, in their order, (H, W, 6)."""
     known = np.isfinite(disparity)
+    agreed = status == 0
     supported = agreed & (np.abs(start - disparity) < SUPPORT_PX)
-    return np.stack([
+    against, agree = (_within(mask, FAR_AROUND) for mask in (status == Status.INCONSISTENT, agreed))
+    return Signs(
         np.log(np.nan_to_num(sigma, nan=1.0).clip(0.02, 4.0)),
         1 - _share(supported, AROUND) / np.maximum(_share(known, AROUND), np.float32(1e-3)),
         (~supported).astype(np.float32),
         _largest_step(disparity, known),
         1 - _share(known, BESIDE),
         1 - _share(known, AROUND),
-    ], axis=-1)  # fmt: skip
+        against / np.maximum(against + agree, np.float32(1e-3)),
+        float(np.log(grain + GRAIN)),
+    )
 
 
 def _share(mask: Mask, side: int) -> FloatImage:
     return np.asarray(cv2.blur(mask.astype(np.float32), (side, side), borderType=cv2.BORDER_REPLICATE), np.float32)
+
+
+def _within(mask: Mask, side: int) -> FloatImage:
+    """As `_share`, nothing being there beyond the border: a wide window would repeat the outermost pixels."""
+    return np.asarray(cv2.blur(mask.astype(np.float32), (side, side), borderType=cv2.BORDER_CONSTANT), np.float32)
 
 
 def _largest_step(disparity: FloatImage, known: Mask) -> FloatImage:

@@ -28,8 +28,10 @@ _ONE_VALUE = 0.1  # standard deviation that rounding leaves in a window of one v
 Gray = NDArray[np.int16]
 
 
-def gray_pair(left: ByteImage, right: ByteImage, threads: int = 1) -> tuple[Gray, Gray, float]:
-    """Gray images of both views, (H, W), of contrast `CONTRAST` each; and how noisy they are, from 0 to 1.
+def gray_pair(left: ByteImage, right: ByteImage, threads: int = 1) -> tuple[Gray, Gray, float, float]:
+    """Gray images of both views, (H, W), of contrast `CONTRAST` each; how noisy they are.
+
+    That is told twice: from 0 to 1, and as `noise_to_contrast`.
 
     Where noise is strong against the contrast, the mean of the channels carries less of it than the luminance, and
     smoothing helps the comparisons; elsewhere both would cost sharpness.
@@ -49,7 +51,7 @@ def gray_pair(left: ByteImage, right: ByteImage, threads: int = 1) -> tuple[Gray
         grays[view] = _normalise(images[view], noise)
 
     run_parallel(normalise, (0, 1), min(threads, 2))
-    return grays[0], grays[1], noise
+    return grays[0], grays[1], noise, ratio
 
 
 def noise_to_contrast(gray: FloatImage) -> float:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from uw_recon_ros.match.methods import EFFORTS
 from uw_recon_ros.match.planes.census import CLOSE, WIDE
 from uw_recon_ros.match.planes.certainty import plain_gray, sigma_of, with_disagreement
-from uw_recon_ros.match.planes.confidence import DOUBTFUL, DOUBTFUL_SIGMA, confidence_of
+from uw_recon_ros.match.planes.confidence import DOUBTFUL_SIGMA, confidence_of, doubtful, signs_of_error
 from uw_recon_ros.match.planes.cost_truncation import typical_costs
 from uw_recon_ros.match.planes.cross_support import edge_weights, inverse_size, measure_arms
 from uw_recon_ros.match.planes.data_cost import (
@@ -38,7 +38,7 @@ from uw_recon_ros.match.planes.open_water import OpenWater, open_water
 from uw_recon_ros.match.planes.proposals import BEFORE, FIT, NEAR, OWN, POINTS, SHAKEN, Sources
 from uw_recon_ros.match.planes.refinement import Pass, disparity_of, refine
 from uw_recon_ros.match.planes.start import Beginning, View, begin
-from uw_recon_ros.match.planes.texture import untextured_mask
+from uw_recon_ros.match.planes.texture import Texture, untextured_mask
 from uw_recon_ros.match.planes.threads import row_bands, run_parallel
 from uw_recon_ros.match.planes.unfounded import unfounded
 from uw_recon_ros.types import ByteImage, FloatImage, Mask, Status
@@ -149,9 +149,9 @@ def graph_cut(
     if start is None:
         start = begin(left, right, *limits, threads)
     images, seen, usable, status = start.images, start.disparity, start.usable, start.status.copy()
-    shown = images[0].pixels, images[1].pixels
-    water = open_water(*shown, seen, usable)
-    blank = untextured_mask(*shown) | water.shown
+    texture = Texture(images[0].pixels, images[1].pixels)
+    water = open_water(texture, seen, usable)
+    blank = untextured_mask(texture) | water.shown
     schedule = SCHEDULES[effort]
     if not schedule.passes:
         _leave_out(blank, status)
@@ -262,10 +262,11 @@ def _result(
     left, right = (plain_gray(view.pixels, view.noise) for view in start.images)
     sigma = np.where(valid, sigma_of(left, right, disparity, status, effort, threads), nan)
     disparity = np.where(valid, disparity, nan)
-    confidence = confidence_of(disparity, sigma, start.disparity, start.usable, effort)
+    signs = signs_of_error(disparity, sigma, start.disparity, start.status, start.images[0].grain)
+    confidence = np.where(valid, confidence_of(signs, effort), nan)
     if SCHEDULES[effort].passes:
         sigma = with_disagreement(sigma, disparity, start.disparity, start.usable)
-    sigma = np.where(confidence < DOUBTFUL, np.maximum(sigma, np.float32(DOUBTFUL_SIGMA)), sigma)
+    sigma = np.where(doubtful(signs, effort), np.maximum(sigma, np.float32(DOUBTFUL_SIGMA)), sigma)
     lost = unfounded(disparity, confidence, water, limits)
     status[lost] = np.where(water.faint[lost], int(Status.LOW_TEXTURE), int(Status.INCONSISTENT))
     disparity, sigma, confidence = (np.where(lost, nan, found) for found in (disparity, sigma, confidence))

@@ -19,9 +19,8 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from uw_recon_ros.match.planes.gray import mix
-from uw_recon_ros.match.planes.texture import WINDOW, derivative, grown_from, local_variance, noise_floor
-from uw_recon_ros.types import ByteImage, FloatImage, Mask
+from uw_recon_ros.match.planes.texture import WINDOW, Texture, derivative, grown_from, local_variance
+from uw_recon_ros.types import FloatImage, Mask
 
 FAINT = 10.0, 20.0  #: times the unexplained, and somewhere in a patch; more is texture
 MOST = 20.0  #: times the white noise; where more is unexplained, the start is wrong, as on a steep slope
@@ -48,26 +47,24 @@ class OpenWater(NamedTuple):
     faint: Mask
 
 
-def open_water(left: ByteImage, right: ByteImage, start: FloatImage, agreed: Mask) -> OpenWater:
+def open_water(texture: Texture, start: FloatImage, agreed: Mask) -> OpenWater:
     """Tell water from surfaces; of images too small to judge nothing is said.
 
     Parameters
     ----------
-    left, right : (H, W, C) uint8
-        C = 1 or 3.
+    texture : Texture
+        Of both views.
     start : (H, W) float32
         The start's disparity, px.
     agreed : (H, W) bool
         Where both views agree about it.
     """
-    if min(left.shape[:2]) < AROUND:
-        return OpenWater(*np.zeros((2, *left.shape[:2]), np.bool_))
-    views = mix(left, 0), mix(right, 0)
-    floor = noise_floor(*views)
-    variance, noise = _texture_and_noise(*views, start, floor)
-    enough = np.interp(noise / floor, SMOOTH, OF_ONE_PIECE)
+    if texture.smaller_side < AROUND:
+        return OpenWater(*np.zeros((2, *start.shape), np.bool_))
+    noise = _noise(texture, start)
+    enough = np.interp(noise / texture.floor, SMOOTH, OF_ONE_PIECE)
     scattered = _share_of_one_piece(start, agreed) < enough
-    faint = ~grown_from(variance / np.float32(noise), *FAINT)
+    faint = ~grown_from(texture.variance / np.float32(noise), *FAINT)
     water = scattered & faint
     for _ in range(ROUNDS if water.any() else 0):
         around = cv2.blur(water.astype(np.float32), (REACH, REACH), borderType=cv2.BORDER_REPLICATE)
@@ -83,15 +80,12 @@ def _share_of_one_piece(start: FloatImage, agreed: Mask) -> FloatImage:
     return np.asarray(cv2.blur(near.astype(np.float32), (AROUND, AROUND)), np.float32)
 
 
-def _texture_and_noise(
-    left: FloatImage, right: FloatImage, start: FloatImage, floor: float
-) -> tuple[FloatImage, float]:
-    """Variance of the left view's derivative around each pixel, and what of it is unexplained where it is least."""
-    height, width = left.shape
+def _noise(texture: Texture, start: FloatImage) -> float:
+    """What of the derivative's variance is unexplained by the other view, where the variance is least."""
+    height, width = start.shape
     v, u = np.indices((height, width), dtype=np.float32)
-    mine = derivative(left)
-    theirs = cv2.remap(derivative(right), u - start, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    variance = local_variance(mine)
-    unexplained = local_variance(np.asarray(mine - theirs, np.float32)) / 2
-    least = variance <= np.quantile(variance, LEAST)
-    return variance, min(max(float(np.median(unexplained[least])), floor), MOST * floor)
+    right = derivative(texture.views[1])
+    theirs = cv2.remap(right, u - start, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    unexplained = local_variance(np.asarray(texture.slope - theirs, np.float32)) / 2
+    least = texture.variance <= np.quantile(texture.variance, LEAST)
+    return min(max(float(np.median(unexplained[least])), texture.floor), MOST * texture.floor)

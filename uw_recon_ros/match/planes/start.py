@@ -29,21 +29,23 @@ class View:
         C = 1 or 3.
     planes : (C, H, W) uint8
     gray : (H, W) int16
-        Of `gray.gray_pair`, as is `noise`, that of both views.
+        Of `gray.gray_pair`, as are `noise` and `grain`, those of both views: from 0 to 1, and over the contrast.
     """
 
     pixels: ByteImage
     planes: ByteImage
     gray: Gray
     noise: float
+    grain: float
 
     @classmethod
     def pair(cls, left: ByteImage, right: ByteImage, threads: int) -> tuple[View, View]:
         """Both, made alike."""
         pixels = [np.ascontiguousarray(np.atleast_3d(image)) for image in (left, right)]
-        *grays, noise = gray_pair(pixels[0], pixels[1], threads)
+        *grays, noise, grain = gray_pair(pixels[0], pixels[1], threads)
         first, second = (
-            cls(p, np.ascontiguousarray(p.transpose(2, 0, 1)), g, noise) for p, g in zip(pixels, grays, strict=True)
+            cls(p, np.ascontiguousarray(p.transpose(2, 0, 1)), g, noise, grain)
+            for p, g in zip(pixels, grays, strict=True)
         )
         return first, second
 

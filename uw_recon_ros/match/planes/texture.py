@@ -14,6 +14,9 @@ texture, what remains has a third to a half fewer errors, and even with the hole
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -33,25 +36,53 @@ ROUNDING = 0.29  #: least noise, gray levels: that of whole numbers
 _LAPLACIANS = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
 
 
-def untextured_mask(left: ByteImage, right: ByteImage) -> Mask:
-    """Pixels of the left view, (H, W) bool, whose disparity nothing in the image tells.
+@dataclass(frozen=True, eq=False)
+class Texture:
+    """What is measured of both views' texture, each once and only when it is asked for.
 
     Parameters
     ----------
     left, right : (H, W, C) uint8
-        C = 1 or 3. The noisier of the two decides what counts as texture. Of images smaller than a window nothing is
-        said.
+        C = 1 or 3.
     """
-    if min(left.shape[:2]) < WINDOW:
-        return np.zeros(left.shape[:2], np.bool_)
-    gray = mix(left, 0)
-    rise = local_variance(derivative(gray)) / np.float32(noise_floor(gray, mix(right, 0)))
-    return ~grown_from(rise, RISE, SURE)
+
+    left: ByteImage
+    right: ByteImage
+
+    @property
+    def smaller_side(self) -> int:
+        """Of the images, px."""
+        return int(min(self.left.shape[:2]))
+
+    @cached_property
+    def views(self) -> tuple[FloatImage, FloatImage]:
+        """Brightness of either view, (H, W)."""
+        return mix(self.left, 0), mix(self.right, 0)
+
+    @cached_property
+    def slope(self) -> FloatImage:
+        """The left view's `derivative`."""
+        return derivative(self.views[0])
+
+    @cached_property
+    def variance(self) -> FloatImage:
+        """Of `slope`, around each pixel."""
+        return local_variance(self.slope)
+
+    @cached_property
+    def floor(self) -> float:
+        """Variance of `derivative` that the white noise of the noisier view makes."""
+        return max(noise_sigma(view) for view in self.views) ** 2 * _noise_of_derivative()
 
 
-def noise_floor(left: FloatImage, right: FloatImage) -> float:
-    """Variance of `derivative` that the white noise of the noisier view makes."""
-    return max(noise_sigma(left), noise_sigma(right)) ** 2 * _noise_of_derivative()
+def untextured_mask(texture: Texture) -> Mask:
+    """Pixels of the left view, (H, W) bool, whose disparity nothing in the image tells.
+
+    The noisier of the two views decides what counts as texture. Of images smaller than a window nothing is said.
+    """
+    if texture.smaller_side < WINDOW:
+        return np.zeros(texture.left.shape[:2], np.bool_)
+    return ~grown_from(texture.variance / np.float32(texture.floor), RISE, SURE)
 
 
 def grown_from(rise: FloatImage, low: float, high: float) -> Mask:
