@@ -34,14 +34,14 @@ def bag(tmp_path: Path) -> Path:
     return tmp_path / "bag"
 
 
-@pytest.mark.parametrize("name", [*STAGE_NODES, "bag_player_node"])
+@pytest.mark.parametrize("name", [*STAGE_NODES, "bag_player_node", "web_node"])
 def test_help(graph: Any, name: str) -> None:
     helper = graph.start(name, "--help")
     assert helper.wait() == 0
     assert name in helper.output
 
 
-@pytest.mark.parametrize("name", [*STAGE_NODES, "bag_player_node"])
+@pytest.mark.parametrize("name", [*STAGE_NODES, "bag_player_node", "web_node"])
 def test_wrong_usage(graph: Any, name: str) -> None:
     wrong = graph.start(name, "--no-such-option")
     assert wrong.wait() == 2

@@ -170,6 +170,24 @@ def test_video_topics(tmp_path: Path, kind: str, codec: str) -> None:
             assert pair.stamp_ns == (10 + n) * 100 * MS
 
 
+def test_a_recording_that_begins_between_key_frames(tmp_path: Path) -> None:
+    encoded = [packets([pair[side] for pair in SCENES], "h264") for side in (0, 1)]
+    with BagWriter(tmp_path / "bag") as bag:
+        for n in range(2, len(SCENES)):  # key frames are 0, 4, 8
+            for side, which in enumerate(("left", "right")):
+                bag.message(
+                    f"/{which}/video", video_message(FOXGLOVE_VIDEO, encoded[side][n], (10 + n) * 100 * MS, "h264")
+                )
+    found = bag_info(tmp_path / "bag")
+    assert found.reconstructable, found.reasons
+    assert (found.left.width, found.left.before_key) == (128, 2)  # type: ignore[union-attr]
+    assert any("/left/video: 2 packets come before the first key frame" in text for text in found.warnings)
+    with Recording(tmp_path / "bag") as recording:
+        with pytest.raises(ImageError, match="key frame"):
+            recording[1]
+        assert np.abs(recording[2].left.astype(float) - SCENES[4][0]).mean() < 12
+
+
 def test_video_without_its_key_frame_is_refused(tmp_path: Path) -> None:
     encoded = packets([texture(n, (96, 128)) for n in range(3)], "h264")
     with BagWriter(tmp_path / "bag") as bag:

@@ -39,6 +39,8 @@ class CameraImages:
         Why files cannot be read, one each.
     problem : str
         Why the first image cannot be decoded; empty when it can.
+    before_key : int
+        Packets of video before the first key frame, which have no image.
     rectified : bool
         Whether the images come rectified already, so that P alone describes them.
     """
@@ -55,6 +57,7 @@ class CameraImages:
     problem: str = ""
     rectified: bool = False
     unreadable: list[str] = field(default_factory=list)
+    before_key: int = 0
 
     @property
     def backwards(self) -> int:

@@ -17,6 +17,7 @@ from uw_recon_ros.bags.stereo import CameraInfoCache, StereoTopics
 from uw_recon_ros.bags.video_packets import image_of
 from uw_recon_ros.errors import BagError, ReconError
 from uw_recon_ros.files.images import image_size
+from uw_recon_ros.files.video_packets import is_video
 from uw_recon_ros.findings import Code, Finding, Severity
 from uw_recon_ros.pairing import PAIR_TOLERANCE_MS
 from uw_recon_ros.recordings.contents import CalibrationState, CameraImages, RecordingInfo
@@ -161,6 +162,9 @@ def _image_taker(side: CameraImages) -> Callable[[RawMessage], None]:
         image = messages.decode(raw)
         if not side.stamps_ns:
             _describe_first(side, image)
+        elif side.problem and is_video(image):  # recorded from the middle of a stream: the first key frame tells
+            side.before_key += 1
+            _describe_first(side, image)
         elif _differs(side, image):
             side.odd += 1
         side.stamps_ns.append(messages.stamp_ns(image))
@@ -173,6 +177,7 @@ def _describe_first(side: CameraImages, image: Any) -> None:
     side.encoding = plain(getattr(image, "encoding", "") or getattr(image, "format", ""))
     try:
         _describe(side, image_of(image))
+        side.problem = ""
     except ReconError as error:
         side.problem = str(error)
 

@@ -107,6 +107,8 @@ def _warnings(info: RecordingInfo, calibration_problem: str) -> Iterator[str]:
             yield f"{side.topic}: time goes backwards {side.backwards} times"
         if not any(side.stamps_ns):
             yield f"{side.topic}: all stamps are zero"
+        if side.before_key and not side.problem:
+            yield f"{side.topic}: {side.before_key} packets come before the first key frame: they have no image"
         if side.odd:
             yield f"{side.topic}: {side.odd} images differ from the first in size or encoding, or are incomplete"
     if info.left and info.right and info.left.kind and info.right.kind and info.left.kind != info.right.kind:
