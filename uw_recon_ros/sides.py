@@ -8,13 +8,16 @@ from collections.abc import Iterator, Sequence
 #: Words for the left (upper) and the right (lower) camera, best known first.
 PAIRS = (
     ("left", "right"), ("port", "starboard"), ("port", "stbd"), ("upper", "lower"), ("top", "bottom"), ("l", "r"),
+    ("master", "slave"), ("primary", "secondary"),
 )  # fmt: skip
-_NUMBERED = len(PAIRS)  # grade of names that differ by a number only
+NUMBERED = len(PAIRS)  #: grade of names that differ by a number only
+_WORD_AND_NUMBER = NUMBERED + 3  # of names whose side and serial number differ
 #: A camera's number: behind a word that means one, or alone between slashes.
 _NUMBER = re.compile(
     r"(?:cam|camera|image|images|img|infra|ir|fisheye|slave|sensor|eye|view|cam[a-z]*|(?:^|/)(?=[0-9]{1,2}(?:/|$)))[_-]?([0-9]{1,2})(?![0-9])",
     re.IGNORECASE,
 )
+_DIGITS = re.compile(r"[0-9]+")
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+")
 
 
@@ -30,7 +33,7 @@ def partners(left: str) -> dict[str, int]:
         number = int(match[1])
         following = str(number + 1).zfill(len(match[1]))
         name = f"{left[: match.start(1)]}{following}{left[match.end(1) :]}".lower()
-        found.setdefault(name, _NUMBERED + min(number, 2))
+        found.setdefault(name, NUMBERED + min(number, 2))
     return found
 
 
@@ -59,7 +62,17 @@ def pairs_of(names: Sequence[str]) -> list[tuple[int, str, str]]:
         for right, grade in partners(left).items()
         if right in known and known[right] != left
     ]
-    return sorted(found)
+    return sorted(found or _but_for_numbers(names))
+
+
+def _but_for_numbers(names: Sequence[str]) -> Iterator[tuple[int, str, str]]:
+    """Names that tell the side and differ in a number too, as of cameras called by their serial numbers."""
+    shapes = {name: _DIGITS.sub("#", name.lower()) for name in names}
+    for left in names:
+        for other, grade in partners(_DIGITS.sub("#", left)).items():
+            alike = [name for name in names if shapes[name] == other and name != left]
+            if grade < NUMBERED and len(alike) == 1:
+                yield _WORD_AND_NUMBER, left, alike[0]
 
 
 def side_of(name: str) -> int | None:

@@ -115,6 +115,7 @@ def find_stereo_topics(topics: Sequence[TopicInfo], left: str | None = None, rig
             for other in rights
             if _image_base(other).lower() == name and other.name != one.name
         ]
+        found = found or _but_for_numbers([*lefts, *rights])
     if not found:
         raise BagError(
             f"no stereo pair: expected images of a left and a right camera, got {_list_images(topics)}: name both, "
@@ -122,6 +123,12 @@ def find_stereo_topics(topics: Sequence[TopicInfo], left: str | None = None, rig
         )  # fmt: skip
     best_left, best_right = _best(found, told=bool(left or right))
     return StereoTopics(best_left.name, best_right.name, *_info_topics(best_left, best_right, topics))
+
+
+def _but_for_numbers(images: Sequence[TopicInfo]) -> list[tuple[int, TopicInfo, TopicInfo]]:
+    """Cameras whose names tell the side, and differ in their serial numbers too."""
+    by_base = {_image_base(topic): topic for topic in sorted(images, key=_rank, reverse=True)}
+    return [(grade, by_base[one], by_base[other]) for grade, one, other in pairs_of(list(by_base))]
 
 
 def best_images(topics: Sequence[TopicInfo]) -> str | None:

@@ -12,7 +12,7 @@ from uw_recon_ros.errors import BagError, ImageError
 from uw_recon_ros.files.raw_photographs import SUFFIXES as RAW
 from uw_recon_ros.files.raw_photographs import expect_library
 from uw_recon_ros.findings import Code
-from uw_recon_ros.sides import pairs_of, partners
+from uw_recon_ros.sides import NUMBERED, pairs_of, partners
 from uw_recon_ros.system_errors import told_as
 
 IMAGES = frozenset((".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm", ".webp", ".jp2", ".mpo"))
@@ -123,7 +123,7 @@ def flat_pairs(paths: Iterable[Path]) -> tuple[list[Path], list[Path]] | None:
     """Files of one folder whose names tell the camera (``dive_0001_L.jpg``), left and right; None: they do not."""
     files = sorted(paths, key=natural_order)
     known = {path.name.lower(): path for path in files}
-    for grade in range(len(files) and 6):
+    for grade in range(NUMBERED if files else 0):
         left = [
             (path, known[other])
             for path in files
