@@ -20,6 +20,7 @@ settings.load_profile("ci" if os.environ.get("CI") else "default")
 
 if importlib.util.find_spec("rclpy") is None:  # Python without ROS 2: the core is tested, nodes are not
     collect_ignore = ["graph", "nodes", "ros", "survey/test_frame_messages.py", "survey/test_survey_and_nodes.py"]
+    collect_ignore += ["doctor/test_calibration_doors.py"]
 
 COMPILE = """
 import tempfile

@@ -100,6 +100,12 @@ def test_what_is_no_pair_is_refused_by_every_verb(left: np.ndarray, right: np.nd
             verb(left, right)
 
 
+def test_what_is_no_calibration_is_named() -> None:
+    for verb in (uw.rectify, uw.reconstruct):
+        with pytest.raises(TypeError, match=r"read_calibration\(\)"):
+            verb(SCENE, np.roll(SCENE, -5, axis=1), "rig.yaml")  # type: ignore[arg-type]
+
+
 def test_products_are_made_when_asked_for() -> None:
     right = np.roll(SCENE, -5, axis=1)
     products = uw.reconstruct(SCENE, right)

@@ -24,6 +24,7 @@ from uw_recon_ros.measure.quantities import (
     measure_patch,
     measure_polyline,
     measure_to_plane,
+    unit_of,
 )
 from uw_recon_ros.survey.kept_frame import KEPT, kept_name, read_kept
 from uw_recon_ros.survey.store import UNRELIABLE
@@ -31,6 +32,7 @@ from uw_recon_ros.trajectory import DisparityFrame
 from uw_recon_ros.types import StereoGeometry
 
 Points = Sequence[tuple[float, float]]
+_SAME_BASELINE = 0.02  # rigs whose baselines differ by more are not one
 _ASSUMED = "quasi-euclidean"  # rectified without a calibration: the focal length is assumed
 
 
@@ -56,6 +58,11 @@ class Opened:
     assumed: bool = False
     calibration: CalibrationError | None = None
 
+    @property
+    def unit(self) -> str:
+        """Of its lengths."""
+        return unit_of(self.frame.geometry)
+
 
 def open_frame(path: str | Path, name: str = "") -> Opened:
     """Open a folder of `pair`, a survey's folder (with a frame's name), or a kept frame.
@@ -80,6 +87,7 @@ def open_frame(path: str | Path, name: str = "") -> Opened:
 
 def _of_survey(path: Path, name: str) -> Opened:
     names = sorted(file.stem for file in (path / KEPT).iterdir() if file.suffix == ".frame")
+    name = name.zfill(len(names[0])) if names and name.isdecimal() else name  # 3 for 000003, as frames.csv counts
     if name not in names:
         some = ", ".join(names[:4])
         text = f"--frame: expected one of the {len(names)} frames kept ({some}, ...), got {name or 'nothing'}"
@@ -120,7 +128,7 @@ def _of_pair(path: Path) -> Opened:
     sigma = read_disparity(sigma_file) if sigma_file.is_file() else np.full_like(disparity, 0.5)
     depth_file = path / "depth.tiff"
     if depth_file.is_file():  # what the depth filter took away is not measured
-        disparity = np.where(np.isfinite(read_image(depth_file)), disparity, np.float32(np.nan))
+        disparity = np.where(np.isfinite(read_disparity(depth_file)), disparity, np.float32(np.nan))
     told = [w["text"] for w in report["warnings"] if w["severity"] == "unreliable"]
     findings = tuple(Finding(Code.MEASURE_UNRELIABLE, text, Severity.UNRELIABLE) for text in told)
     frame = DisparityFrame(0, np.asarray(read_image(path / "left_rect.png"), np.uint8), disparity, sigma, geometry)
@@ -136,14 +144,15 @@ def _geometry(told: dict[str, Any]) -> StereoGeometry:
     )  # fmt: skip
 
 
-def calibration_error(path: str | Path) -> CalibrationError:
-    """Relative sigma of depth at a depth, from the table of a ``calibration.json``.
+def calibration_error(path: str | Path, opened: Opened) -> CalibrationError:
+    """Relative sigma of depth at a depth, from the table of a ``calibration.json`` of the frame's own rig.
 
     Raises
     ------
     ReconError
-        It is none, or made without the size of the squares.
+        It is none, or made without the size of the squares, or of another rig.
     """
+    _expect_same_rig(path, opened.frame.geometry)
     try:
         table = json.loads(Path(path).read_text())["depth_errors"]
         rows = [(e["range_m"], e["mean_percent"] / 100) for e in table if e["mean_percent"] is not None]
@@ -154,6 +163,21 @@ def calibration_error(path: str | Path) -> CalibrationError:
     if found is None:
         raise ReconError(f"{path}: expected depth errors, got none: was --square-mm given?", Code.MEASURE_INPUT)
     return found
+
+
+def _expect_same_rig(path: str | Path, geometry: StereoGeometry) -> None:
+    try:
+        baseline_m = float(json.loads(Path(path).read_text())["baseline_m"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        text = f"{path}: expected a calibration.json of `uw_recon calibrate`, got {error!r}"
+        raise ReconError(text, Code.MEASURE_INPUT) from error
+    own_m = abs(geometry.baseline_m or 0.0)
+    if own_m and abs(baseline_m - own_m) > _SAME_BASELINE * baseline_m:
+        raise ReconError(
+            f"{path}: expected that of this frame's rig, whose baseline is {own_m:.4g} m, "
+            f"got one of {baseline_m:.4g} m",
+            Code.MEASURE_INPUT,
+        )
 
 
 def error_between(table: Sequence[Sequence[float]]) -> CalibrationError | None:
@@ -194,6 +218,11 @@ def scaled(
     geometry = opened.frame.geometry
     metric = replace(geometry, baseline_m=geometry.baseline_sign * length_m / seen.value)
     findings = opened.findings
+    calibrated_m = seen.value * abs(geometry.baseline_m or 0.0)
+    if calibrated_m and abs(length_m / calibrated_m - 1) > max(3 * relative, _SAME_BASELINE):
+        text = f"known length: told {length_m:g} m, by calibration it is {calibrated_m:.4g} m: one of them is wrong"
+        advice = "check the length, the two pixels, and in which medium the rig was calibrated"
+        findings = (*findings, Finding(Code.MEASURE_NO_SCALE, text, Severity.UNRELIABLE, advice))
     if opened.assumed:
         text = (
             "scale from a known length, focal length only assumed: lengths beside the known one and parallel to it are "

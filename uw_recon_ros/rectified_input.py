@@ -24,10 +24,18 @@ def stereo_pair(
     ------
     ImageError
         They are not mono or RGB of 8 or 16 bits, of one size and depth, or they are the same image.
+    TypeError
+        The calibration is none.
     """
+    if calibration is not None and not hasattr(calibration, "left"):
+        kind = type(calibration).__name__
+        raise TypeError(f"calibration: expected a StereoCalibration, as read_calibration() gives it, got {kind}")
+    if any(np.ma.is_masked(image) for image in (left, right)):
+        raise ImageError(f"{name}: expected plain arrays, got masked ones: what is 0 is not matched")
     images = np.asarray(left), np.asarray(right)
     for image in images:
-        if image.dtype not in (np.uint8, np.uint16) or image.shape[2:] not in ((), (3,)) or image.ndim < 2:
+        sort = image.dtype in (np.uint8, np.uint16)
+        if not sort or image.shape[2:] not in ((), (3,)) or image.ndim < 2 or not image.size:
             raise ImageError(f"{name}: expected (H, W) or (H, W, 3) uint8 or uint16, got {image.shape} {image.dtype}")
     try:
         first, second, findings = as_pair(*images)

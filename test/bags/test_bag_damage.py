@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -173,7 +174,7 @@ def test_a_database_with_ruined_pages(tmp_path: Path) -> None:
 def test_a_file_that_is_no_rosbag2_database(tmp_path: Path) -> None:
     import sqlite3
 
-    with sqlite3.connect(tmp_path / "other.db3") as database:
+    with closing(sqlite3.connect(tmp_path / "other.db3")) as database, database:
         database.execute("CREATE TABLE poems (title TEXT)")
     with pytest.raises(BagError, match=r"other\.db3: expected a rosbag2 database, got: no such table: topics"):
         open_bag(tmp_path / "other.db3")

@@ -53,6 +53,9 @@ def test_what_a_file_says_of_its_sureness_counts(tmp_path: Path) -> None:
         ("stamp,x,y,z,qx,qy,qz,qw\n1,nan,0,0,0,0,0,1\n", ":2: expected a finite pose"),
         ("stamp,x,y,z,qx,qy,qz,qw\n1,0,0,0,0,0,0,0\n", ":2: expected a finite pose"),
         ("stamp,x,y,z,qx,qy,qz,qw\n2,0,0,0,0,0,0,1\n1,0,0,0,0,0,0,1\n", "increasing"),
+        ("stamp,x,y,z,qx,qy,qz,qw\n1.7e12,0,0,0,0,0,0,1\n", "are they in ms or us?"),
+        ("stamp,x,y,z,qx,qy,qz,qw\ninf,0,0,0,0,0,0,1\n", ":2: expected numbers"),
+        ("stamp,x,y,z,qx,qy,qz,qw,sigma_m\n1,0,0,0,0,0,0,1,-1\n", "over 0"),
         ("stamp,x,y,z,qx,qy,qz,qw\n", "at least one pose"),
         ("", "at least one pose"),
     ],
@@ -65,3 +68,9 @@ def test_a_bad_file_is_one_line(tmp_path: Path, text: str, words: str) -> None:
     assert words in str(refused.value)
     assert str(path) in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+def test_seconds_with_an_exponent_are_exact(tmp_path: Path) -> None:
+    path = tmp_path / "poses.csv"
+    path.write_text("stamp,x,y,z,qx,qy,qz,qw\n1.7e+09,0,0,0,0,0,0,1\n1700000000.123456789,0,0,0,0,0,0,1\n")
+    assert read_poses(path).stamps_ns.tolist() == [1_700_000_000 * 10**9, 1_700_000_000_123_456_789]

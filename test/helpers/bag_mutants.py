@@ -9,6 +9,7 @@ import random
 import sqlite3
 import struct
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from pathlib import Path
 
 import lz4.frame
@@ -260,7 +261,7 @@ def database_mutant(folder: Path, recorded: Sequence[RawMessage], seed: int) -> 
     images = [message for message in recorded if "image" in message.topic]
     path = write_rosbags(folder / f"db{seed}", images) / f"db{seed}.db3"
     if seed < len(DATABASE_JOBS):
-        with sqlite3.connect(path) as database:
+        with closing(sqlite3.connect(path)) as database, database:
             database.executescript(DATABASE_JOBS[seed])
         database.close()
         return path, f"database seed {seed}: {DATABASE_JOBS[seed]}"

@@ -144,3 +144,15 @@ def test_no_plane_is_said() -> None:
     with pytest.raises(EstimationError) as caught:
         fit_plane(frame_of(rough))
     assert caught.value.code == Code.MEASURE_NO_PLANE
+
+
+@pytest.mark.parametrize("turn", range(4))
+def test_an_outline_that_crosses_itself_is_refused(turn: int) -> None:
+    square = [(100.0, 100.0), (300.0, 100.0), (300.0, 300.0), (100.0, 300.0)]
+    frame = frame_of(on_plane(FLOOR, FLOOR_M))
+    bow = [square[0], square[2], square[1], square[3]]
+    with pytest.raises(EstimationError, match="crosses itself"):
+        measure_patch(frame, bow[turn:] + bow[:turn])
+    area, rugosity = measure_patch(frame, square[turn:] + square[:turn])
+    assert area.value > 0
+    assert rugosity.value >= 1

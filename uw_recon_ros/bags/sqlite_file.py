@@ -49,9 +49,11 @@ class SqliteFile:
         try:
             self._channels = self._read_topics()
             self._summarise()
-        except sqlite3.Error as error:
+        except BaseException as error:
             self._database.close()
-            raise BagError(f"{name}: expected a rosbag2 database, got: {error}") from error
+            if isinstance(error, sqlite3.Error):
+                raise BagError(f"{name}: expected a rosbag2 database, got: {error}") from error
+            raise
 
     def _note(self, sentence: str) -> None:
         add_note(self.damage, f"{self._name}: {sentence}")

@@ -136,7 +136,9 @@ def _live(args: argparse.Namespace) -> int:
     try:
         from uw_recon_ros.nodes.calibrate_node import main
     except ImportError as error:
-        raise UsageError(f"--live: expected ROS 2 (rclpy), it cannot be loaded: {error}") from error
+        raise UsageError(
+            f"--live: expected ROS 2, sourced or by pip install '.[ros-jazzy]' in the folder of the sources; {error}"
+        ) from error
     columns, rows = _size(args.size) or (0, 0)
     told = {
         "board": args.board, "board_columns": columns, "board_rows": rows, "board_square_mm": float(args.square_mm),

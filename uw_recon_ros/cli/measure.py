@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from pathlib import Path
 
 from uw_recon_ros.cli.common import OK, UsageError, warn
 from uw_recon_ros.progress import say
@@ -12,7 +13,8 @@ from uw_recon_ros.progress import say
 HELP = "measure lengths, heights and areas, each with its error"
 DESCRIPTION = (
     "Measure in the rectified left picture (left_rect.png) of a pair, or in a frame that a survey kept: a length along "
-    "two or more points, the height of points above the bottom or above a plane, area and roughness of a patch."
+    "two or more points, the height of points above the bottom or above a plane, area and rugosity of "
+    "a patch (its area over the area of its projection onto a plane)."
 )
 EPILOG = (
     "Example: uw_recon measure pair_out length 210,180 402,190. Exit code: 0 done, 1 no depth there, 2 wrong usage."
@@ -53,12 +55,15 @@ def run(args: argparse.Namespace) -> int:
     from uw_recon_ros.measure_files import calibration_error, measure, open_frame, rows_of, scaled, write_rows
 
     points = _points(args.points)
-    if len(points) < {"length": 2, "height": 1, "area": 3}[args.quantity]:
-        raise UsageError(f"{args.quantity}: expected more points, got {len(points)}")
+    least = {"length": 2, "height": 1, "area": 3}[args.quantity]
+    if len(points) < least:
+        raise UsageError(f"{args.quantity}: expected {least} points or more, got {len(points)}")
+    if args.output and Path(args.output).suffix.lower() not in (".json", ".csv"):
+        raise UsageError(f"--output: expected a name that ends in .json or .csv, got {args.output}")
     if not 0 <= args.click_px <= 100:
         raise UsageError(f"--click-px: expected 0 to 100, got {args.click_px:g}")
     opened = open_frame(args.input, args.frame)
-    error = calibration_error(args.calibration_report) if args.calibration_report else opened.calibration
+    error = calibration_error(args.calibration_report, opened) if args.calibration_report else opened.calibration
     if args.known_length:
         length, *bar = args.known_length
         opened, error = scaled(
@@ -70,7 +75,8 @@ def run(args: argparse.Namespace) -> int:
     warn([finding.as_dict() for finding in opened.findings])
     for result in results:
         part = "" if error else " (without the calibration's part)"
-        say(f"{result.quantity}: {result.value:.4g} ± {result.sigma:.2g} {result.unit}{part}, at {result.depth:.3g}")
+        value = f"{result.value:.4g} ± {result.sigma:.2g} {result.unit}".rstrip()
+        say(f"{result.quantity}: {value}{part}, at a depth of {result.depth:.3g} {opened.unit}")
     if args.output:
         write_rows(args.output, rows)
     else:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from dataclasses import replace
+from decimal import Decimal, InvalidOperation
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from uw_recon_ros.trajectory import PoseStatus, Trajectory, as_quaternions, traj
 from uw_recon_ros.types import Matrix
 
 _TIMES, _POSE = ("stamp_ns", "stamp", "time", "timestamp"), ("x", "y", "z", "qx", "qy", "qz", "qw")
+_LATEST_NS = 2**31 * 10**9  # ROS holds no later time
 _CSV_HEAD = "stamp_ns,x,y,z,qx,qy,qz,qw,status,segment"
 _UPPER = np.triu_indices(6)
 
@@ -43,8 +45,10 @@ def write_tum(path: str | Path, trajectory: Trajectory) -> None:
 
 def _stamp(text: str) -> int:
     """Exact ns of seconds in decimal."""
-    whole, _, part = text.partition(".")
-    return int(whole) * 10**9 + int((part + "0" * 9)[:9])
+    try:
+        return int(Decimal(text) * 10**9)
+    except (InvalidOperation, OverflowError) as error:  # the latter: infinite
+        raise ValueError(f"expected seconds, got {text!r}") from error
 
 
 def _text(path: str | Path) -> str:
@@ -87,6 +91,12 @@ def read_tum(path: str | Path, *, origin: Matrix | None = None) -> Trajectory:
 def _made(path: str | Path, stamps: list[int], rows: list[list[float]], origin: Matrix | None) -> Trajectory:
     if not stamps:
         raise TrajectoryError(f"{path}: expected at least one pose, got none")
+    wild = next((stamp for stamp in stamps if not abs(stamp) < _LATEST_NS), None)
+    if wild is not None:
+        raise TrajectoryError(
+            f"{path}: expected stamps in seconds (or in ns in a column stamp_ns), got {wild / 1e9:g} s: "
+            "are they in ms or us?"
+        )
     table, start = np.array(rows), np.zeros(3) if origin is None else np.asarray(origin, np.float64)
     poses = np.tile(np.eye(4), (len(rows), 1, 1))
     poses[:, :3, :3] = Rotation.from_quat(table[:, 3:]).as_matrix()
@@ -173,5 +183,9 @@ def read_poses(path: str | Path, *, origin: Matrix | None = None) -> Trajectory:
             raise TrajectoryError(f"{path}:{number}: expected numbers, got {lines[number - 1][:80]!r}") from error
         if not np.isfinite(rows[-1]).all() or not np.any(rows[-1][3:]):
             raise TrajectoryError(f"{path}:{number}: expected a finite pose, got {lines[number - 1][:80]!r}")
+        if any(sigma <= 0 for sigma in sigmas[-1]):
+            raise TrajectoryError(
+                f"{path}:{number}: expected sigma_m and sigma_deg over 0, got {lines[number - 1][:80]!r}"
+            )
     found, spread = _made(path, stamps, rows, origin), np.array(sigmas) * (1.0, np.pi / 180)
     return replace(found, covariances=np.repeat(spread**2, 3, axis=1)[:, :, None] * np.eye(6))

@@ -135,12 +135,13 @@ def _propagated(
     by_disparity, by_click = float(np.sqrt(parts[:, 2].sum())), float(np.sqrt(parts[:, :2].sum()))
     sigma = float(np.sqrt(by_disparity**2 + by_click**2 + np.nan_to_num(by_calibration) ** 2))
     return Measurement(
-        quantity, found, sigma, _unit(frame.geometry), by_disparity, by_click, by_calibration,
+        quantity, found, sigma, unit_of(frame.geometry), by_disparity, by_click, by_calibration,
         tuple((end.u, end.v) for end in ends), depth, min(end.agreed for end in ends),
     )  # fmt: skip
 
 
-def _unit(geometry: StereoGeometry) -> str:
+def unit_of(geometry: StereoGeometry) -> str:
+    """Of lengths there."""
     return "m" if geometry.metric else "baselines"
 
 
@@ -202,6 +203,9 @@ def fit_plane(frame: DisparityFrame, corners: Sequence[tuple[float, float]] | No
 def _polygon(frame: DisparityFrame, corners: Sequence[tuple[float, float]]) -> Mask:
     """(H, W) pixels whose middles lie inside: those from which a ray to the left crosses the outline an odd number of
     times."""
+    if _crosses_itself(corners):
+        text = "outline: expected corners in order, got an outline that crosses itself"
+        raise EstimationError(text, Code.MEASURE_INPUT)
     height, width = frame.disparity.shape
     v, u = np.arange(height)[:, None], np.arange(width)[None]
     inside = np.zeros((height, width), np.bool_)
@@ -210,6 +214,21 @@ def _polygon(frame: DisparityFrame, corners: Sequence[tuple[float, float]]) -> M
             crossed = u0 + (v - v0) * (u1 - u0) / (v1 - v0)
             inside ^= ((v0 <= v) != (v1 <= v)) & (crossed < u)
     return inside
+
+
+def _crosses_itself(corners: Sequence[tuple[float, float]]) -> bool:
+    """Whether two sides that do not follow each other meet."""
+    ends = [(np.array(a, float), np.array(b, float)) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)]
+
+    def turn(a: Matrix, b: Matrix, c: Matrix) -> float:
+        return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+
+    return any(
+        turn(*ends[i], ends[j][0]) * turn(*ends[i], ends[j][1]) < 0
+        and turn(*ends[j], ends[i][0]) * turn(*ends[j], ends[i][1]) < 0
+        for i in range(len(ends))
+        for j in range(i)
+    )
 
 
 def _outline_px(corners: Sequence[tuple[float, float]]) -> float:
@@ -260,7 +279,7 @@ def measure_patch(
     Raises
     ------
     EstimationError
-        Less than half of the patch has depth.
+        Less than half of the patch has depth, or its outline crosses itself.
     """
     if len(corners) < 3:
         raise ValueError(f"corners: expected at least three, got {len(corners)}")
@@ -295,12 +314,12 @@ def _patch_results(
     places = tuple((float(u), float(v)) for u, v in corners)
     by_disparity, by_click, by_calibration = float(spread[0] * whole), area * edge, 2 * area * told
     sigma = float(np.sqrt(by_disparity**2 + by_click**2 + np.nan_to_num(by_calibration) ** 2))
-    unit = f"{_unit(frame.geometry)}2"
+    unit = f"{unit_of(frame.geometry)}2"
     nothing = float("nan")
     rough = float(np.hypot(spread[0] / areas[1], spread[1] * areas[0] / areas[1] ** 2))
     return (
         Measurement("area", area, sigma, unit, by_disparity, by_click, by_calibration, places, depth, 1.0),
-        Measurement("rugosity", area / flat, rough, "", rough, nothing, nothing, places, depth, 1.0),
+        Measurement("rugosity", max(area / flat, 1.0), rough, "", rough, nothing, nothing, places, depth, 1.0),
     )
 
 

@@ -34,7 +34,7 @@ from uw_recon_ros.preprocess.regions import Regions, find_regions
 from uw_recon_ros.types import ByteImage, EnhancedPair, FloatImage, Mask, StereoPair
 from uw_recon_ros.unseen import blackened, continued, mark_unseen
 
-Eyes = tuple[FloatImage, FloatImage]
+Views = tuple[FloatImage, FloatImage]
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,7 @@ class Preprocess:
             *pictures, *matching, pair.stamp_ns, pair.frame_id, pair.calibration, pair.findings + regions.findings
         )
 
-    def _picture(self, both: TwoThreads, clean: Eyes, filtered: Eyes | None, masks: tuple[Mask, Mask]) -> Eyes:
+    def _picture(self, both: TwoThreads, clean: Views, filtered: Views | None, masks: tuple[Mask, Mask]) -> Views:
         """What is shown: the paper's where there is a filtered luminance."""
         if filtered is None:
             return improve_appearance(both, clean, masks)
@@ -157,7 +157,7 @@ class Preprocess:
         """Step 1."""
         return remove_moire(image, prominence_db=self.params.moire_prominence) if self.params.moire_removal else image
 
-    def _filtered_luminance(self, both: TwoThreads, views: Eyes, masks: tuple[Mask, Mask]) -> Eyes:
+    def _filtered_luminance(self, both: TwoThreads, views: Views, masks: tuple[Mask, Mask]) -> Views:
         """Steps 2 and 4 to 7, and the crop of step 8."""
         height, width = views[0].shape
         extended = both(extend_symmetric, views)
@@ -174,7 +174,7 @@ class Preprocess:
         cutoff = p.homomorphic_cutoff * max(extended.shape) / longer_side
         return homomorphic_filter(extended, cutoff, p.homomorphic_low_gain, p.homomorphic_high_gain)
 
-    def _denoised(self, both: TwoThreads, views: Eyes) -> Eyes:
+    def _denoised(self, both: TwoThreads, views: Views) -> Views:
         """Step 5, with one estimate of the noise for both cameras."""
         common = math.gcd(*views[0].shape)
         levels = min(self.params.wavelet_levels + 1, (common & -common).bit_length() - 1)  # halved so often, both sides
@@ -184,7 +184,7 @@ class Preprocess:
         sigma = self.params.wavelet_strength * wavelet.noise_sigma(pyramids)
         return both(wavelet.reconstruct, both(partial(wavelet.shrink, sigma=sigma), pyramids))
 
-    def _in_unit_range(self, views: Eyes, masks: tuple[Mask, Mask]) -> Eyes:
+    def _in_unit_range(self, views: Views, masks: tuple[Mask, Mask]) -> Views:
         """Luminance as step 6 wants it: 1 where step 7 will saturate."""
         cropped = [crop_extension(view, *mask.shape) for view, mask in zip(views, masks, strict=True)]
         white = joint_percentiles(cropped, [100.0 - self.params.intensity_clip], masks)[0]
@@ -200,7 +200,7 @@ class Preprocess:
             extended, contrast=p.diffusion_contrast, rate=p.diffusion_rate, iterations=p.diffusion_iterations
         )
 
-    def _recolored(self, both: TwoThreads, clean: Eyes, filtered: Eyes, masks: tuple[Mask, Mask]) -> Eyes:
+    def _recolored(self, both: TwoThreads, clean: Views, filtered: Views, masks: tuple[Mask, Mask]) -> Views:
         """Steps 3, 8 and 9; a mono image becomes gray RGB."""
         if clean[0].ndim == 2:
             return both(_gray_rgb, filtered)
@@ -211,7 +211,7 @@ class Preprocess:
         gains = equalizing_gains(colored, max_gain=self.params.color_gain_limit, masks=masks)
         return both(partial(apply_gains, gains=gains), colored)
 
-    def _to_match(self, both: TwoThreads, unit: Eyes, clean: Eyes, filtered: Eyes | None) -> Eyes:
+    def _to_match(self, both: TwoThreads, unit: Views, clean: Views, filtered: Views | None) -> Views:
         if self.params.profile == "paper":
             assert filtered is not None
             return filtered

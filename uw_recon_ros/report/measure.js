@@ -8,7 +8,7 @@
     to_plane: ["Click three corners or more of a plane, then Next.", "Now click points: their distances from the plane. Next begins another plane."],
     area: ["Click the corners of a patch, three or more.", "Further clicks are further corners; Next begins another patch."],
   };
-  const NAMES = { length: "length", polyline: "polyline", height: "height", to_plane: "to plane", area: "area", rugosity: "roughness" };
+  const NAMES = { length: "length", polyline: "polyline", height: "height", to_plane: "to plane", area: "area", rugosity: "rugosity" };
   const digits = (value, most) => value.toLocaleString("en", { maximumSignificantDigits: most, useGrouping: false }).replace("-", "\u2212");
   const known = (value, most = 2) => (value === null ? "\u2013" : digits(value, most));
   const unit = text => text.replace("2", "\u00b2");

@@ -229,7 +229,15 @@ globalThis.uwMeasure = (() => {
     return { u: point[0], v: point[1], disparity: mean(agree), sigma: noise, agreed: agree.length / d.length };
   }
 
+  function crossesItself(corners) {
+    const turn = (a, b, c) => (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+    const apart = ([a, b], [c, d]) => turn(a, b, c) * turn(a, b, d) < 0;
+    const sides = pairwise([...corners, corners[0]]);
+    return sides.some((one, i) => sides.slice(0, i).some(other => apart(one, other) && apart(other, one)));
+  }
+
   function inside(frame, corners) {
+    if (crossesItself(corners)) failed("outline: expected corners in order, got an outline that crosses itself");
     const mask = new Uint8Array(frame.width * frame.height);
     for (const [[u0, v0], [u1, v1]] of pairwise([...corners, corners[0]])) {
       if (v0 === v1) continue;
@@ -296,7 +304,7 @@ globalThis.uwMeasure = (() => {
     const shared = { depth, agreed: 1, cell: step * depth / frame.focal, pixels: corners };
     return [
       { quantity: "area", value, sigma: together(disparity, click, calibration), unit: `${frame.unit}2`, sigma_disparity: disparity, sigma_click: click, sigma_calibration: calibration, ...shared },
-      { quantity: "rugosity", value: surface / shadow, sigma: rough, unit: "", sigma_disparity: rough, sigma_click: NaN, sigma_calibration: NaN, ...shared },
+      { quantity: "rugosity", value: Math.max(surface / shadow, 1), sigma: rough, unit: "", sigma_disparity: rough, sigma_click: NaN, sigma_calibration: NaN, ...shared },
     ];
   }
 

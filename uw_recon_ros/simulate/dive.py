@@ -52,7 +52,7 @@ class SimulatedFrame:
 
 
 @dataclass(frozen=True, eq=False)
-class _Eye:
+class _View:
     """A camera in the rig's frame (the left optical frame)."""
 
     origin: Matrix
@@ -96,14 +96,14 @@ class Dive:
         """Of the rectified views that the calibration defines."""
         return self.rig.geometry
 
-    def _camera(self, number: int) -> _Eye:
+    def _camera(self, number: int) -> _View:
         camera = self.calibration.right if number else self.calibration.left
         rotation = self.rig.right_from_left.T if number else np.eye(3)
         origin = self.rig.right_center if number else np.zeros(3)
         directions = np.ascontiguousarray(pixel_directions(camera) @ rotation.T)
         glow = lamps.glow_table(self._lamp, self.water, origin, directions)
         gain = 1.0 + self.params.gain_difference if number else 1.0
-        return _Eye(origin, rotation, directions, glow, float(1.0 / camera.k[0, 0]), gain, number)
+        return _View(origin, rotation, directions, glow, float(1.0 / camera.k[0, 0]), gain, number)
 
     def seconds(self, index: int) -> float:
         """Time of a frame since the first, s."""
@@ -146,7 +146,7 @@ class Dive:
     def _daylight(self) -> Matrix:
         return self.params.daylight * self.water.daylight
 
-    def _see(self, view: _Eye, index: int, step: int = 1) -> tuple[Matrix, FloatImage]:
+    def _see(self, view: _View, index: int, step: int = 1) -> tuple[Matrix, FloatImage]:
         """Ranges and the light that arrives at one camera; every `step`-th pixel, without rows or moments then."""
         began, p = self.seconds(index), self.params
         directions = view.directions[::step, ::step]
@@ -161,7 +161,7 @@ class Dive:
         ranges, radiance = (np.concatenate(of_all) for of_all in zip(*parts, strict=True))
         return ranges, self._through_water(view, ranges, radiance.astype(np.float32), index, step)
 
-    def _look(self, view: _Eye, seconds: float, directions: Matrix, step: int) -> tuple[Matrix, Matrix]:
+    def _look(self, view: _View, seconds: float, directions: Matrix, step: int) -> tuple[Matrix, Matrix]:
         """Ranges and the light that leaves the surfaces, at one moment."""
         pose = self.pose_after(seconds)
         turned = np.ascontiguousarray(directions @ pose.rotation.T)
@@ -170,7 +170,7 @@ class Dive:
         daylight = np.array([*self._daylight, self.params.caustics, seconds])
         return render(self.scene_after(seconds), lamp, daylight, origin, turned, view.pixel * step)
 
-    def _through_water(self, view: _Eye, ranges: Matrix, radiance: FloatImage, index: int, step: int) -> FloatImage:
+    def _through_water(self, view: _View, ranges: Matrix, radiance: FloatImage, index: int, step: int) -> FloatImage:
         reach = ranges.astype(np.float32)
         light = forward_scatter(attenuate(radiance, reach, self.water), reach, self.water)
         light += daylight_veil(reach, self.water, self.params.daylight)
@@ -180,7 +180,7 @@ class Dive:
             return lens_blur(light, self.params.lens_blur_px)
         return light
 
-    def _snow_into(self, light: FloatImage, view: _Eye, ranges: Matrix, index: int) -> None:
+    def _snow_into(self, light: FloatImage, view: _View, ranges: Matrix, index: int) -> None:
         in_rig = snows.snow_before(self._snow, self.pose(index), self.seconds(index))
         in_camera = (in_rig - view.origin) @ view.rotation
         kept = snows.visible(in_camera)
@@ -200,7 +200,7 @@ class Dive:
         """One for all frames and both cameras, from a coarse look at the first."""
         return exposure_of(self._see(self._cameras[0], 0, step=8)[1])
 
-    def _take(self, view: _Eye, index: int) -> tuple[Matrix, RawImage]:
+    def _take(self, view: _View, index: int) -> tuple[Matrix, RawImage]:
         ranges, light = self._see(view, index)
         rng = np.random.default_rng([self.params.seed, 3, index, view.number])
         p = self.params
