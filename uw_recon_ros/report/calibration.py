@@ -86,8 +86,8 @@ def _depth(report: Mapping[str, Any]) -> Section:
         return Section("Depth error", "Not known: the size of the board's squares was not given, nothing is in metres.")
     text = (
         "One standard deviation of depth by the calibration alone, from its covariance, as a percentage of the "
-        "distance; matching adds its own. The covariance is that of whole pairs, whose points err alike. It holds as far "
-        "as the camera model does: held-out pairs check that. The "
+        "distance; matching adds its own. The covariance is that of whole pairs, whose points err alike. It holds as "
+        "far as the camera model does: held-out pairs check that. The "
         "mean is over what both cameras see at that distance."
     )
     rows = [
