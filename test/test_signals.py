@@ -39,3 +39,34 @@ def test_a_noted_signal(number: int, busy: str, said: str) -> None:
     process.stdout.close()
     if not said:
         assert time.monotonic() - began >= 0.9 * signals.PATIENCE_S
+
+
+FINISHES = """
+import threading, time
+from uw_recon_ros import signals
+signals.PATIENCE_S = 0.2
+signals.finish_first()
+signals.note()
+print('ready', flush=True)
+while not signals.came(): time.sleep(0.01)
+print('finishing', flush=True)
+time.sleep(1.0 if {soon} else 1000.0)
+print('finished', flush=True)
+"""
+
+
+@pytest.mark.parametrize("soon", [True, False])
+def test_what_was_gathered_is_finished_unless_a_second_signal_comes(soon: bool) -> None:
+    process = subprocess.Popen([sys.executable, "-c", FINISHES.format(soon=soon)], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+    process.send_signal(signal.SIGINT)
+    assert process.stdout.readline() == "finishing\n"
+    if not soon:
+        process.send_signal(signal.SIGINT)
+    try:
+        assert process.wait() == 0
+    finally:
+        process.kill()
+    assert process.stdout.read() == ("finished\n" if soon else "")
+    process.stdout.close()

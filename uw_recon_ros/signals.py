@@ -17,6 +17,8 @@ INTERRUPTED = 130
 
 _came = threading.Event()
 _told = threading.Event()
+_in_time = threading.Event()
+_finishes = False
 
 
 def leave(code: int) -> None:
@@ -102,6 +104,16 @@ def came() -> bool:
     return _came.is_set()
 
 
+def finish_first() -> None:
+    """From now on the first signal only asks for the end, for what was gathered is worth waiting for; a second one ends
+    the process in time."""
+    global _finishes
+    _finishes = True
+
+
 def _on_signal(number: int, frame: FrameType | None) -> None:
-    if not _came.is_set():
+    if _finishes and not _came.is_set():
+        _came.set()
+    elif not _in_time.is_set():
+        _in_time.set()
         _obey_in_time(0)

@@ -18,6 +18,7 @@ from std_srvs.srv import Trigger
 
 from uw_recon_ros.files.calibrations import read_calibration
 from uw_recon_ros.nodes.calibrate_node import CalibrateNode
+from uw_recon_ros.ros.parameters import ParameterError
 from uw_recon_ros.simulate.boards import Shot, hold_boards, photograph
 
 SECOND = 1_000_000_000
@@ -95,11 +96,19 @@ def test_what_was_not_written_is_written_at_the_end(bench: Bench, show: Any, tmp
 
 
 def test_files_of_others_are_not_replaced(bench: Bench, show: Any, tmp_path: Path) -> None:
-    (tmp_path / "mine.txt").write_text("mine")
     said = bench.listen(DiagnosticArray, "/diagnostics")
     node = bench.start(CalibrateNode, calibration_dir=str(tmp_path), **TOLD)
+    (tmp_path / "mine.txt").write_text("mine")  # after the start
     show(node, 0, 1, 2, 3)
     assert ask(bench).success
     bench.spin_until(lambda: any("empty or new folder" in pair.value for pair in values(said)))
     node.stop()
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+
+
+def test_a_folder_that_is_taken_is_refused_at_once(bench: Bench, tmp_path: Path) -> None:
+    """Not after half an hour in the pool."""
+    (tmp_path / "mine.txt").write_text("mine")
+    with pytest.raises(ParameterError, match="calibration_overwrite"):
+        bench.start(CalibrateNode, calibration_dir=str(tmp_path), **TOLD)
+    bench.start(CalibrateNode, calibration_dir=str(tmp_path), calibration_overwrite=True, **TOLD)

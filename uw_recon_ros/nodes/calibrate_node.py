@@ -21,12 +21,13 @@ from typing import Any
 
 from std_srvs.srv import Trigger
 
+from uw_recon_ros import signals
 from uw_recon_ros.calibrate.advice import covered
 from uw_recon_ros.calibrate.fit import LEAST_PAIRS
 from uw_recon_ros.calibrate_files import BoardAsked, Seen, write_result
 from uw_recon_ros.calibrate_live import LiveSession, Looked, annotated
 from uw_recon_ros.errors import CalibrationError, ReconError
-from uw_recon_ros.files.atomic import claim_folder
+from uw_recon_ros.files.atomic import claim_folder, is_taken
 from uw_recon_ros.images import as_gray
 from uw_recon_ros.node_params import CalibrateNodeParams, CameraParams
 from uw_recon_ros.nodes.preprocess_node import CAMERAS, camera_filter
@@ -60,7 +61,7 @@ class CalibrateNode(StageNode[CalibrateStage]):
     """
 
     def __init__(self, **options: Any) -> None:
-        self._saving, self._saved, self.looked = threading.Lock(), 0, 0
+        self._saving, self._saved, self.looked, self._written = threading.Lock(), 0, 0, ""
         super().__init__(
             "calibrate_node", classes=(CameraParams, CalibrateNodeParams), inputs=CAMERAS, outputs=OUTPUTS, **options
         )
@@ -69,6 +70,12 @@ class CalibrateNode(StageNode[CalibrateStage]):
     def build(self, params: ParameterSet) -> CalibrateStage:
         """Make the stage; the pairs stay unless the board changes."""
         own, before = params[CalibrateNodeParams], self.stage
+        folder, written = own.calibration_dir, before is not None and own.calibration_dir == self._written
+        if folder and not written and not own.calibration_overwrite and is_taken(Path(folder)):
+            raise ValueError(
+                f"calibration_dir: expected a new or empty folder, got {folder} with files; "
+                "calibration_overwrite: true replaces them"
+            )
         columns, rows = own.board_columns, own.board_rows
         if (columns == 0) != (rows == 0):
             raise ValueError(f"board_columns, board_rows: expected both or none, got {columns} and {rows}")
@@ -135,13 +142,14 @@ class CalibrateNode(StageNode[CalibrateStage]):
             count, folder = len(stage.session.pairs), Path(stage.params.calibration_dir)
             self.diagnostics.say(calibration=f"solving with {count} pairs")
             try:
-                claim_folder(folder, stage.params.calibration_overwrite or self._saved > 0)  # or one's own
+                own = stage.params.calibration_dir == self._written
+                claim_folder(folder, own or stage.params.calibration_overwrite)
                 report = write_result(stage.session.solve(), folder)
             except (ReconError, OSError) as error:
                 self.diagnostics.say(calibration="failed")
                 self.diagnostics.problem("calibration", f"calibration: {error}")
                 return
-            self._saved = count
+            self._saved, self._written = count, stage.params.calibration_dir
             self.diagnostics.problem("calibration", None)
             used, unreliable = len(report["pairs"]), "" if report["reliable"] else ", NOT RELIABLE"
             told = f"{folder}: {used} pairs, reprojection error {report['rms_px']:.2f} px{unreliable}"
@@ -158,12 +166,14 @@ class CalibrateNode(StageNode[CalibrateStage]):
             if count < LEAST_PAIRS:
                 self.get_logger().warning(f"no calibration: expected at least {LEAST_PAIRS} pairs, got {count}")
             elif count > self._saved:
+                self.get_logger().info(f"calibrating with {count} pairs; Ctrl-C once more gives them up")
                 self._save(stage)
         return super().stop(timeout_s)
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is interrupted; return the exit code."""
+    """Run the node until it is interrupted, and calibrate; return the exit code."""
+    signals.finish_first()
     return run(CalibrateNode, __doc__, args)
 
 
