@@ -25,11 +25,11 @@ if importlib.util.find_spec("rclpy") is None:  # Python without ROS 2: the core 
 COMPILE = """
 import tempfile
 from pathlib import Path
-from uw_recon_ros import jit, simulate, warm
+from uw_recon_ros import jit, simulate, kernel_warmup
 from uw_recon_ros.progress import say
 
-warm.tell_if_cold(say)
-warm.warm_up()
+kernel_warmup.tell_if_cold(say)
+kernel_warmup.warm_up()
 if jit.is_cold(Path(simulate.__path__[0])):
     from uw_recon_ros.simulate.params import SimulateParams
     from uw_recon_ros.simulate.write import simulate

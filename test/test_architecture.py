@@ -20,21 +20,21 @@ from uw_recon_ros.pipeline import PipelineParams, read_values
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "uw_recon_ros"
 NOUNS = {"", "types", "params", "errors", "images", "calibration", "pairing", "jit", "blas", "progress"}
-NOUNS |= {"files", "lazy", "stopwatch", "bounds", "image_pair", "system_errors"}
+NOUNS |= {"files", "lazy_import", "stopwatch", "bounds", "image_pair", "system_errors"}
 NOUNS |= {
     "evaluate",
-    "signals",
+    "stop_signals",
     "findings",
     "topics",
     "trajectory",
     "rigid",
-    "pieces",
-    "unseen",
-    "sides",
+    "connected_pieces",
+    "unseen_pixels",
+    "camera_sides",
     "boards",
     "board_kinds",
     "lenses",
-    "mount",
+    "camera_mount",
 }
 NOUNS |= {"evaluate_trajectory", "evaluate_surface"}
 STAGE_ROOMS = {"preprocess", "rectify", "match", "reconstruct"}
@@ -50,7 +50,7 @@ MAY_IMPORT = {
     "catalogue": NOUNS | STAGE_ROOMS | NODE_PARAMS | {"track", "live"},
     "pipeline": OFFLINE,
     "rectified_input": NOUNS | STAGE_ROOMS,
-    "warm": NOUNS | STAGE_ROOMS,
+    "kernel_warmup": NOUNS | STAGE_ROOMS,
     "messages": NOUNS | {"messages"},
     "bags": NOUNS | {"bags", "messages"},
     "recordings": NOUNS | {"recordings", "bags", "messages"},
@@ -68,18 +68,18 @@ MAY_IMPORT = {
     "measure_files": NOUNS | {"measure", "survey"},
     "calibrate_files": NOUNS | {"calibrate", "recordings", "bags", "report"},
     "calibrate_live": NOUNS | {"calibrate", "calibrate_files"},
-    "pair": OFFLINE | {"rectified_input", "recordings", "report", "warm"},
+    "pair": OFFLINE | {"rectified_input", "recordings", "report", "kernel_warmup"},
     "doctor": NOUNS | {"rectify", "node_params", "doctor"},
     "ros": NOUNS | STAGE_ROOMS | NODE_PARAMS | {"ros", "doctor", "messages"},
     "nodes": OFFLINE
     | {"ros", "nodes", "bags", "track", "fuse", "live", "model", "calibrate", "calibrate_files", "calibrate_live"}
     | {"report"},
-    "survey": OFFLINE | {"survey", "recordings", "bags", "report", "messages", "warm"},
+    "survey": OFFLINE | {"survey", "recordings", "bags", "report", "messages", "kernel_warmup"},
     "model": OFFLINE
     | {"survey", "recordings", "report", "bags", "track", "locate", "fuse", "texturing", "georeference", "model"},
-    "executables": {"", "signals", "blas"},
+    "executables": {"", "stop_signals", "blas"},
     "cli": OFFLINE
-    | {"cli", "pair", "warm", "bags", "recordings", "simulate", "report", "survey", "model", "doctor", "ros"}
+    | {"cli", "pair", "kernel_warmup", "bags", "recordings", "simulate", "report", "survey", "model", "doctor", "ros"}
     | {"calibrate", "calibrate_files", "measure_files", "nodes"},
 }
 ROS_PACKAGES = re.compile(r"rclpy|rcl_interfaces|builtin_interfaces|ament_index_python|\w+_msgs|std_srvs|launch(_ros)?")

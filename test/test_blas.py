@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from uw_recon_ros import executables, signals
+from uw_recon_ros import executables, stop_signals
 
 VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -25,7 +25,7 @@ def test_nodes_begin_with_one_thread_of_linear_algebra(
         return SimpleNamespace(main=lambda: 0)
 
     monkeypatch.setattr(executables, "import_module", loaded)
-    monkeypatch.setattr(signals, "note", lambda: None)
-    monkeypatch.setattr(signals, "leave", lambda code: None)
+    monkeypatch.setattr(stop_signals, "note", lambda: None)
+    monkeypatch.setattr(stop_signals, "leave", lambda code: None)
     executables.rectify_node()
     assert seen == [expected] * len(VARIABLES)

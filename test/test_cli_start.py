@@ -101,4 +101,4 @@ def test_without_argcomplete_one_line_says_what_to_install(
     monkeypatch.setitem(sys.modules, "argcomplete", None)
     monkeypatch.setitem(sys.modules, "argcomplete.shell_integration", None)
     assert cli.main(["completion", "bash"]) == 1
-    assert "pip install 'uw_recon_ros[completion]'" in capsys.readouterr().err
+    assert "pip install '.[completion]' in the sources' folder" in capsys.readouterr().err

@@ -87,7 +87,7 @@ def test_ctrl_c_at_any_moment(command: str, stills: Path, tmp_path: Path) -> Non
 def test_an_interrupt_that_is_lost_on_its_way_is_obeyed(tmp_path: Path) -> None:
     """A destructor swallows exceptions; a library makes others of them."""
     code = (
-        "import os, signal, sys, time\nfrom uw_recon_ros import executables, signals, cli\n"
+        "import os, signal, sys, time\nfrom uw_recon_ros import executables, stop_signals, cli\n"
         "class Swallows:\n    def __del__(self):\n        os.kill(os.getpid(), signal.SIGINT); time.sleep(0.1)\n"
         "def main():\n    Swallows()\n    time.sleep(60)\n"
         "cli.main = main\nsys.exit(executables.uw_recon())"

@@ -22,7 +22,7 @@ from uw_recon_ros.nodes import (
 )
 from uw_recon_ros.nodes.web_server import PICTURES
 from uw_recon_ros.ros import rectified_frame, transforms
-from uw_recon_ros.ros.declarations import Input, Output
+from uw_recon_ros.ros.declared_topics import Input, Output
 
 POLICY = Path(__file__).parent.parent / "config" / "security" / "policy.xml"
 ENCLAVES = "/uw_recon"

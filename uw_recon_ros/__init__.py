@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from uw_recon_ros.lazy import on_demand
+from uw_recon_ros.lazy_import import on_demand
 
 if TYPE_CHECKING:
     from uw_recon_ros.api import (

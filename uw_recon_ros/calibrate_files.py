@@ -19,14 +19,14 @@ from uw_recon_ros.board_kinds import APRILGRID, CHARUCO, CHECKERBOARD
 from uw_recon_ros.boards import Board
 from uw_recon_ros.calibrate.advice import CalibrationSession, advise, describe
 from uw_recon_ros.calibrate.bundle import SeenPair
+from uw_recon_ros.calibrate.depth_error import DepthError, HeldOut, depth_errors_by_range, held_out
 from uw_recon_ros.calibrate.detect import Sighting, find_board, find_checkerboard_size
 from uw_recon_ros.calibrate.fit import LEAST_PAIRS, Fit, LeftOut, baseline_sigma, solve, turned_over
 from uw_recon_ros.calibrate.markers import APRILTAGS, find_dictionary
 from uw_recon_ros.calibrate.optics import NAMES, names_of
+from uw_recon_ros.calibrate.pair_selection import different_ones, mirrored, sharp_ones, unseen_reason
 from uw_recon_ros.calibrate.ports import ALL_NAMES, AirRig, PortGlass, PortRig, port_findings, solve_ports
 from uw_recon_ros.calibrate.rig import RigNumbers
-from uw_recon_ros.calibrate.screen import different_ones, mirrored, sharp_ones, unseen_reason
-from uw_recon_ros.calibrate.worth import DepthError, HeldOut, depth_errors_by_range, held_out
 from uw_recon_ros.calibration.judge import judge_calibration
 from uw_recon_ros.errors import CalibrationError, ReconError
 from uw_recon_ros.files.atomic import claim_folder, finite, write_json

@@ -13,7 +13,7 @@ from uw_recon_ros.boards import Board
 from uw_recon_ros.calibrate.advice import cell_counts, covered, emptiest
 from uw_recon_ros.calibrate.bundle import SeenPair
 from uw_recon_ros.calibrate.detect import Sighting, find_board
-from uw_recon_ros.calibrate.screen import seen_before, unseen_reason
+from uw_recon_ros.calibrate.pair_selection import seen_before, unseen_reason
 from uw_recon_ros.calibrate_files import BoardAsked, Result, Seen, calibrate_seen, made_board
 from uw_recon_ros.errors import CalibrationError
 from uw_recon_ros.findings import Code

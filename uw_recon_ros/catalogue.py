@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from uw_recon_ros.camera_mount import MountParams
 from uw_recon_ros.live.params import LiveModelParams
 from uw_recon_ros.match.stage import MatchParams
-from uw_recon_ros.mount import MountParams
 from uw_recon_ros.node_params import (
     CalibrateNodeParams,
     CameraParams,

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from importlib import import_module
 
-from uw_recon_ros import signals
+from uw_recon_ros import stop_signals
 from uw_recon_ros.blas import one_blas_thread
 
 # What OpenCV thinks of a damaged image is in what it returns; on the terminal stand our own words.
@@ -17,24 +17,24 @@ os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
 
 
 def _run(module: str) -> None:
-    signals.note()
+    stop_signals.note()
     one_blas_thread()
     node = import_module(f"uw_recon_ros.nodes.{module}")
-    signals.leave(0 if signals.came() else node.main())
+    stop_signals.leave(0 if stop_signals.came() else node.main())
 
 
 def uw_recon() -> int:
     """Run the command line; Ctrl-C at any moment ends it with one line and 130."""
     try:
-        signals.interrupt_once(signals.leave_interrupted)
+        stop_signals.interrupt_once(stop_signals.leave_interrupted)
         code: int = import_module("uw_recon_ros.cli").main()
     except KeyboardInterrupt:
-        code = signals.INTERRUPTED
+        code = stop_signals.INTERRUPTED
     except SystemExit as end:  # argparse's, after --help and wrong usage
         code = end.code if isinstance(end.code, int) else int(end.code is not None)
-    if signals.came():  # whatever became of the exception
-        signals.leave_interrupted(code)
-    signals.ignore_interrupts()  # the interpreter's farewell takes a while
+    if stop_signals.came():  # whatever became of the exception
+        stop_signals.leave_interrupted(code)
+    stop_signals.ignore_interrupts()  # the interpreter's farewell takes a while
     return code
 
 

@@ -19,6 +19,7 @@ from uw_recon_ros.files.disparities import check_disparity_format, write_dispari
 from uw_recon_ros.files.images import read_image, write_image
 from uw_recon_ros.files.meshes import write_glb, write_ply
 from uw_recon_ros.findings import Code, Severity, severe, worst
+from uw_recon_ros.kernel_warmup import tell_if_cold
 from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.pipeline import Pipeline, PipelineParams, Products
 from uw_recon_ros.progress import say
@@ -29,7 +30,6 @@ from uw_recon_ros.report.figures import colorize_disparity
 from uw_recon_ros.report.pair import write_pair_page
 from uw_recon_ros.stopwatch import Stopwatch
 from uw_recon_ros.types import DepthMap, EnhancedPair, StereoPair
-from uw_recon_ros.warm import tell_if_cold
 
 PairReport = dict[str, Any]
 

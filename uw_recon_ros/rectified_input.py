@@ -12,7 +12,7 @@ from uw_recon_ros.image_pair import as_pair
 from uw_recon_ros.preprocess.regions import find_regions
 from uw_recon_ros.rectify.check_rectified import doubts
 from uw_recon_ros.types import MatchingPair, RawImage, StereoCalibration, StereoPair
-from uw_recon_ros.unseen import blackened
+from uw_recon_ros.unseen_pixels import blackened
 
 
 def stereo_pair(

@@ -7,8 +7,8 @@ import pytest
 from helpers.track_scenes import GEOMETRY, bottom, descriptors, motion, seen
 
 from uw_recon_ros import rigid
-from uw_recon_ros.align.graph import Anchors, Edges, residuals, solve_graph
 from uw_recon_ros.align.loops import candidates, loop_chi2, passes_chi2_gate, summed_covariances
+from uw_recon_ros.align.pose_graph import Anchors, Edges, residuals, solve_graph
 from uw_recon_ros.align.self_calibration import calibrate, corrected
 from uw_recon_ros.track.keypoints import RigError
 from uw_recon_ros.track.params import TrackParams

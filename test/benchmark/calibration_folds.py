@@ -18,11 +18,11 @@ import numpy as np
 from uw_recon_ros.board_kinds import CHECKERBOARD
 from uw_recon_ros.boards import Board
 from uw_recon_ros.calibrate.bundle import SeenPair, adjust
+from uw_recon_ros.calibrate.depth_error import length_errors
 from uw_recon_ros.calibrate.fit import baseline_sigma, ordered_alike, solve
 from uw_recon_ros.calibrate.guess import guess_pose
 from uw_recon_ros.calibrate.optics import SIDES, intrinsic_matrix, shape_of
 from uw_recon_ros.calibrate.rig import RigNumbers
-from uw_recon_ros.calibrate.worth import length_errors
 from uw_recon_ros.calibrate_files import Pictures, see_boards
 
 

@@ -21,11 +21,11 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from helpers.calibration_scenes import BOARD, LARGE, depth_misses, erring_alike, rig_of, sightings, truth_of
 
 from uw_recon_ros.calibrate.bundle import SeenPair
+from uw_recon_ros.calibrate.depth_error import depth_sigmas
 from uw_recon_ros.calibrate.fit import solve
 from uw_recon_ros.calibrate.guess import guess_rig
 from uw_recon_ros.calibrate.optics import EXTRINSIC, NAMES, PROJECTIONS, SIDES, intrinsic_matrix
 from uw_recon_ros.calibrate.rig import RigNumbers
-from uw_recon_ros.calibrate.worth import depth_sigmas
 from uw_recon_ros.lenses import PLUMB_BOB
 from uw_recon_ros.simulate.boards import hold_boards
 from uw_recon_ros.simulate.rig import Pose, Rig

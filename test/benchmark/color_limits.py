@@ -22,7 +22,7 @@ from simulated_colors import SCENES, color_errors, colored_scenes
 from uw_recon_ros.preprocess.stage import Preprocess
 from uw_recon_ros.simulate import Dive, SimulateParams
 from uw_recon_ros.simulate import lamp as lamps
-from uw_recon_ros.simulate.sensor import GAMMA, to_light
+from uw_recon_ros.simulate.image_sensor import GAMMA, to_light
 from uw_recon_ros.simulate.water import daylight_veil
 from uw_recon_ros.types import StereoPair
 

@@ -13,8 +13,8 @@ import time
 import numpy as np
 
 from uw_recon_ros import rigid
-from uw_recon_ros.align.graph import Edges, solve_graph
 from uw_recon_ros.align.loops import candidates, footprints
+from uw_recon_ros.align.pose_graph import Edges, solve_graph
 
 _LEG = 100  # frames
 _STEP_M, _BETWEEN_M = 0.15, 0.6

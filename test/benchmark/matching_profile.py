@@ -25,19 +25,26 @@ from drowned_pairs import pairs
 from numpy.typing import NDArray
 from simulated_frames import rectified_frames
 
-from uw_recon_ros.match.planes import certainty, expansion, matcher, refinement, semiglobal, start
+from uw_recon_ros.match.planes import (
+    disparity_sigma,
+    expansion,
+    initial_disparity,
+    matcher,
+    refinement,
+    semiglobal,
+)
 
 ROOT = Path(__file__).parents[2]
 Scene = tuple[NDArray[np.uint8], NDArray[np.uint8], int, int]
 SHARED = "shared by threads"
 #: Steps, by the module that calls them; indented: parts of the one above.
 STEPS: tuple[tuple[str, Any, str], ...] = (
-    ("gray images", start.View, "pair"),
-    ("start", start, "_start"),
+    ("gray images", initial_disparity.View, "pair"),
+    ("start", initial_disparity, "_start"),
     ("  census words", semiglobal, "census_words"),
     ("  cost volume", semiglobal, "_volume"),
     ("  aggregation", semiglobal, "aggregate"),
-    ("  left/right check", start, "compare_views"),
+    ("  left/right check", initial_disparity, "compare_views"),
     ("blank regions", matcher, "untextured_mask"),
     ("view: samples, arms", matcher, "_view"),
     ("edge weights", matcher, "edge_weights"),
@@ -118,7 +125,7 @@ def profile(scene: Scene, effort: str) -> tuple[float, Clock]:
     left, right, low, high = scene
     small = left[:64, :96].copy(), right[:64, :96].copy()
     clock, inside = Clock(), Clock()
-    modules = (matcher, semiglobal, refinement, certainty, start)
+    modules = (matcher, semiglobal, refinement, disparity_sigma, initial_disparity)
     shared = tuple((SHARED, module, "run_parallel") for module in modules)
     matcher.graph_cut(*small, 0, 7, effort=effort)  # compiles
     started = time.process_time()

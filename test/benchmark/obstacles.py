@@ -27,7 +27,7 @@ from typing import Any
 
 import numpy as np
 
-from uw_recon_ros.mount import MountParams
+from uw_recon_ros.camera_mount import MountParams
 from uw_recon_ros.pipeline import Pipeline, PipelineParams, read_values
 from uw_recon_ros.reconstruct.obstacles import FindObstacles, ObstacleParams
 from uw_recon_ros.simulate.dive import Dive

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros.simulate import Dive, SimulateParams
-from uw_recon_ros.simulate.sensor import to_light
+from uw_recon_ros.simulate.image_sensor import to_light
 
 Byte = NDArray[np.uint8]
 Float = NDArray[np.float32]

@@ -10,11 +10,11 @@ import pytest
 from helpers.calibration_scenes import BOARD, LARGE, depth_misses, rig_of, sightings, truth_of
 
 from uw_recon_ros.calibrate.bundle import SeenPair, rms_px
+from uw_recon_ros.calibrate.depth_error import depth_errors_by_range, depth_sigmas, held_out, length_errors
 from uw_recon_ros.calibrate.detect import Sighting
 from uw_recon_ros.calibrate.fit import ordered_alike, solve
 from uw_recon_ros.calibrate.optics import SIDES, intrinsic_matrix, project_left, project_right
 from uw_recon_ros.calibrate.rig import RigNumbers
-from uw_recon_ros.calibrate.worth import depth_errors_by_range, depth_sigmas, held_out, length_errors
 from uw_recon_ros.calibration.judge import judge_calibration
 from uw_recon_ros.errors import CalibrationError
 from uw_recon_ros.findings import Code

@@ -11,7 +11,7 @@ from uw_recon_ros.board_kinds import KINDS
 from uw_recon_ros.boards import Board
 from uw_recon_ros.calibrate.detect import edge_width, find_board, find_checkerboard_size
 from uw_recon_ros.calibrate.markers import find_dictionary
-from uw_recon_ros.calibrate.screen import mirrored
+from uw_recon_ros.calibrate.pair_selection import mirrored
 from uw_recon_ros.simulate.boards import hold_boards, photograph, seen_points
 
 BOARDS = {

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from helpers.calibration_scenes import BOARD, LARGE, depth_misses, erring_alike, rig_of, sightings
 
+from uw_recon_ros.calibrate.depth_error import depth_sigmas
 from uw_recon_ros.calibrate.fit import solve
 from uw_recon_ros.calibrate.pair_covariance import pair_covariance
 from uw_recon_ros.calibrate.rig import RigNumbers
-from uw_recon_ros.calibrate.worth import depth_sigmas
 from uw_recon_ros.types import Matrix
 
 _NUMBERS, _POINTS = 8, 40

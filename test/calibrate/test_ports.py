@@ -11,12 +11,12 @@ from helpers.calibration_scenes import rig_of, sightings, truth_of
 from uw_recon_ros.board_kinds import CHECKERBOARD
 from uw_recon_ros.boards import Board
 from uw_recon_ros.calibrate.bundle import SeenPair
+from uw_recon_ros.calibrate.depth_error import depth_sigmas
 from uw_recon_ros.calibrate.detect import Sighting
 from uw_recon_ros.calibrate.fit import Fit
 from uw_recon_ros.calibrate.fit import solve as solve_rig
 from uw_recon_ros.calibrate.ports import AirRig, PortGlass, PortRig, port_findings, solve_ports
 from uw_recon_ros.calibrate.rig import RigNumbers
-from uw_recon_ros.calibrate.worth import depth_sigmas
 from uw_recon_ros.errors import CalibrationError
 from uw_recon_ros.findings import Code, Severity
 from uw_recon_ros.simulate.boards import hold_boards

@@ -127,7 +127,7 @@ def test_without_the_extra_the_way_out_is_told(
     ):
         assert main(words) == 1
         told = capsys.readouterr()
-        assert "pip install 'uw_recon_ros[raw]'" in told.out + told.err, words
+        assert "pip install '.[raw]' in the sources' folder" in told.out + told.err, words
 
 
 def test_a_jpeg_that_was_only_renamed_is_read(tmp_path: Path) -> None:

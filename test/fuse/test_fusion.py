@@ -17,7 +17,7 @@ from uw_recon_ros.fuse.frame import PosedFrame
 from uw_recon_ros.fuse.integrate import Volume, empty_volume
 from uw_recon_ros.fuse.layout import LayoutBuilder, round_step
 from uw_recon_ros.fuse.marching_cubes import TABLE, Patch, extract, joined
-from uw_recon_ros.fuse.pieces import seen_by, without_loose_pieces
+from uw_recon_ros.fuse.surface_pieces import seen_by, without_loose_pieces
 
 BALL = Ground(((np.zeros(3), RADIUS),), plane=False)
 VOXEL = 0.02

@@ -42,7 +42,7 @@ def start(graph: Any, name: str, *arguments: Any, code: str = "") -> Any:
 def end(executables: list[Any], number: int) -> None:
     """Send the signal to all of them, twice; each must end well.
 
-    How soon is the machine's affair; that it is at the latest after `signals.PATIENCE_S`, `test_signals` sees.
+    How soon is the machine's affair; that it is in time, `test_stop_signals` sees.
     """
     for executable in executables:
         executable.signal(number)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.match.planes import matcher as module
 from uw_recon_ros.match.planes.matcher import graph_cut
-from uw_recon_ros.match.planes.motion import FrameBefore, move_planes
+from uw_recon_ros.match.planes.previous_frame import FrameBefore, move_planes
 from uw_recon_ros.match.sequence import MOST_APART_NS, MatchSequence
 from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.types import DisparityMap, RectificationQuality, RectifiedPair, StereoGeometry

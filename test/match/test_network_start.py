@@ -17,7 +17,7 @@ from uw_recon_ros.findings import Code  # noqa: E402
 from uw_recon_ros.match import stereo_network  # noqa: E402
 from uw_recon_ros.match.methods import EFFORTS, NETWORK_VALUES  # noqa: E402
 from uw_recon_ros.match.network_start import begin_with  # noqa: E402
-from uw_recon_ros.match.planes.start import Beginning  # noqa: E402
+from uw_recon_ros.match.planes.initial_disparity import Beginning  # noqa: E402
 from uw_recon_ros.match.stage import Match, MatchParams  # noqa: E402
 from uw_recon_ros.match.stereo_network import load_network  # noqa: E402
 from uw_recon_ros.types import MatchingPair, Status  # noqa: E402

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from uw_recon_ros.match.methods import EFFORTS
-from uw_recon_ros.match.planes import start as module
+from uw_recon_ros.match.planes import initial_disparity as module
 from uw_recon_ros.match.planes.matcher import GraphCutResult, graph_cut
 from uw_recon_ros.types import Status
 

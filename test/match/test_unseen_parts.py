@@ -14,7 +14,7 @@ from uw_recon_ros.findings import Code
 from uw_recon_ros.match.planes.gray import local_contrast, noise_to_contrast
 from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.types import ByteImage, Mask, RectificationQuality, RectifiedPair, Status, StereoGeometry
-from uw_recon_ros.unseen import mark_unseen
+from uw_recon_ros.unseen_pixels import mark_unseen
 
 HEIGHT, WIDTH, FAR, NEAR = 120, 200, 6, 18
 GEOMETRY = StereoGeometry(focal_px=300.0, cx_left=99.5, cx_right=99.5, cy=59.5)

@@ -16,7 +16,7 @@ from helpers.browser import run_in_browser
 
 import uw_recon_ros
 from uw_recon_ros.errors import EstimationError
-from uw_recon_ros.measure.draws import below, normals
+from uw_recon_ros.measure.random_draws import below, normals
 from uw_recon_ros.measure_files import Opened, measure, rows_of
 from uw_recon_ros.report.content import Clickable, clicks_section
 from uw_recon_ros.report.embed import clickable_json

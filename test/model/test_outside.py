@@ -16,10 +16,10 @@ from uw_recon_ros.findings import Code
 from uw_recon_ros.georeference.crs import LOCAL
 from uw_recon_ros.messages.headers import header
 from uw_recon_ros.model.external_poses import Outside, read_outside
-from uw_recon_ros.simulate.course import Course
+from uw_recon_ros.simulate.navigation_sensors import sensor_messages
 from uw_recon_ros.simulate.params import CourseParams, SimulateParams, defaults_on
 from uw_recon_ros.simulate.rig import LEFT_FRAME
-from uw_recon_ros.simulate.sensors import sensor_messages
+from uw_recon_ros.simulate.tracks import Course
 from uw_recon_ros.types import Matrix
 
 SECONDS, START_NS = 20.0, 10**9

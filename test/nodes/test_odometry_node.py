@@ -16,7 +16,7 @@ from nav_msgs.msg import Odometry, Path
 from scipy.spatial.transform import Rotation
 
 from uw_recon_ros import rigid
-from uw_recon_ros.mount import MountParams
+from uw_recon_ros.camera_mount import MountParams
 from uw_recon_ros.nodes import odometry_node
 from uw_recon_ros.nodes.odometry_node import OdometryNode
 from uw_recon_ros.ros.messages import stamp_ns, transform_message

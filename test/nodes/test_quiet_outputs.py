@@ -13,7 +13,7 @@ from std_msgs.msg import Header
 
 from uw_recon_ros.nodes.rectify_node import RectifyNode
 from uw_recon_ros.ros import rectified_frame
-from uw_recon_ros.ros.declarations import Output
+from uw_recon_ros.ros.declared_topics import Output
 from uw_recon_ros.ros.diagnostics import Diagnostics
 from uw_recon_ros.ros.outputs import Outputs, Publishers
 from uw_recon_ros.types import StereoGeometry

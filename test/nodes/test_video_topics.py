@@ -120,7 +120,7 @@ def test_without_pyav_each_pair_is_refused_with_the_way_out(
     monkeypatch.setitem(sys.modules, "av", None)
     rig.send(0)
     assert rig.heard == []
-    assert "pip install 'uw_recon_ros[video]'" in capfd.readouterr().err
+    assert "pip install '.[video]' in the sources' folder" in capfd.readouterr().err
 
 
 def test_messages_that_are_not_installed_are_named_with_the_way_out(

@@ -18,7 +18,7 @@ from uw_recon_ros.preprocess.regions import RegionWatch, constant_border, find_r
 from uw_recon_ros.preprocess.sequence import PreprocessSequence
 from uw_recon_ros.preprocess.stage import Preprocess, PreprocessParams
 from uw_recon_ros.types import StereoPair
-from uw_recon_ros.unseen import MARGIN, unseen, with_margin
+from uw_recon_ros.unseen_pixels import MARGIN, unseen, with_margin
 
 HEIGHT, WIDTH, SHIFT = 240, 320, 24
 

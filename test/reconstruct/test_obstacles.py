@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from uw_recon_ros.mount import MountParams
+from uw_recon_ros.camera_mount import MountParams
 from uw_recon_ros.reconstruct.obstacles import FindObstacles, ObstacleParams, ObstacleScan, nearest_agreed
 from uw_recon_ros.types import DepthMap, DisparityMap, StereoGeometry
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from helpers.reconstruct_scenes import ABOVE, GEOMETRIES, HORIZONTAL, disparity_map, picture, plane_depth, sphere_depth
 
-from uw_recon_ros import pieces
+from uw_recon_ros import connected_pieces
 from uw_recon_ros.reconstruct import cloud, gaps, planes, rasters, speckles
 from uw_recon_ros.reconstruct.stage import Reconstruct, ReconstructParams
 from uw_recon_ros.types import Status
@@ -153,7 +153,7 @@ def test_after_warming_up_nothing_is_left_to_compile():
     stage = Reconstruct()
     stage.warm_up()
     kernels = (
-        planes._lay_out, planes._fit, pieces._label, speckles._mark_small, cloud._number_cells, cloud._add_up,
+        planes._lay_out, planes._fit, connected_pieces._label, speckles._mark_small, cloud._number_cells, cloud._add_up,
         gaps._close, rasters.misfit, rasters.broken_triangles,
     )  # fmt: skip
     before = [len(kernel.signatures) for kernel in kernels]

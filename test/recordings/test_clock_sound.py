@@ -11,7 +11,7 @@ import pytest
 from helpers.videos import swaying, texture
 from numpy.typing import NDArray
 
-from uw_recon_ros.recordings.clock import find_clock
+from uw_recon_ros.recordings.clock_offset import find_clock
 from uw_recon_ros.recordings.clock_sound import find_sound_lag, has_sound
 from uw_recon_ros.recordings.video import Video
 

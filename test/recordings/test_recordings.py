@@ -18,7 +18,7 @@ from uw_recon_ros.errors import BagError, ImageError, ReconError
 from uw_recon_ros.files.images import write_image
 from uw_recon_ros.files.video_packets import library
 from uw_recon_ros.findings import Code
-from uw_recon_ros.recordings.clock import find_clock
+from uw_recon_ros.recordings.clock_offset import find_clock
 from uw_recon_ros.recordings.layout import cut, find_layout
 from uw_recon_ros.recordings.options import Options
 from uw_recon_ros.recordings.recording import Recording

@@ -14,7 +14,7 @@ from uw_recon_ros.rectify import (
     rectification_from_calibration,
 )
 from uw_recon_ros.rectify.tie_points import find_tie_points
-from uw_recon_ros.unseen import mark_unseen, unseen
+from uw_recon_ros.unseen_pixels import mark_unseen, unseen
 
 RIG = make_rig(angles_deg=(1.0, -1.5, 2.0))
 PARAMS = RectifyParams()

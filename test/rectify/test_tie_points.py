@@ -11,7 +11,7 @@ from uw_recon_ros.rectify.features import mutual_matches, spread
 from uw_recon_ros.rectify.sampson import sampson_distance
 from uw_recon_ros.rectify.tie_points import gathered, thinned, to_full_size
 from uw_recon_ros.types import StereoPair
-from uw_recon_ros.unseen import with_margin
+from uw_recon_ros.unseen_pixels import with_margin
 
 RIG = make_rig(angles_deg=(1.0, -1.5, 2.0))
 PARAMS = RectifyParams()

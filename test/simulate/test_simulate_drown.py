@@ -10,7 +10,7 @@ import pytest
 
 from uw_recon_ros.files.images import read_image
 from uw_recon_ros.simulate.drown import drown, drown_pair, ranges_from_disparity, right_disparity
-from uw_recon_ros.simulate.sensor import to_light
+from uw_recon_ros.simulate.image_sensor import to_light
 from uw_recon_ros.simulate.water import make_water
 
 MIDDLEBURY = Path(__file__).parents[3] / "shared" / "data" / "stereo"

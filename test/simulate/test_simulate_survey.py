@@ -20,10 +20,10 @@ from uw_recon_ros.cli import main
 from uw_recon_ros.files.trajectories import read_tum
 from uw_recon_ros.simulate import CourseParams, SimulateParams, SurveyDive, simulate_survey
 from uw_recon_ros.simulate.bottom import RIPPLE_M
-from uw_recon_ros.simulate.course import Course
 from uw_recon_ros.simulate.material import TILE_M
+from uw_recon_ros.simulate.navigation_sensors import GRAVITY, LATITUDE, LONGITUDE, SURFACE_PA, WATER_KG_M3
 from uw_recon_ros.simulate.params import TRACKS, defaults_on
-from uw_recon_ros.simulate.sensors import GRAVITY, LATITUDE, LONGITUDE, SURFACE_PA, WATER_KG_M3
+from uw_recon_ros.simulate.tracks import Course
 
 TINY = SimulateParams.from_mapping(defaults_on("line") | {"width": 80, "height": 60, "frames": 8})
 

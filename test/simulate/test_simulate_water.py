@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from uw_recon_ros.simulate.image_sensor import expose, exposure_of, to_light
 from uw_recon_ros.simulate.lamp import glow_at, glow_table, lamp_glow, lamp_in_rig, lamp_in_world
 from uw_recon_ros.simulate.render import lamp_irradiance
 from uw_recon_ros.simulate.rig import Pose, rotation_about
-from uw_recon_ros.simulate.sensor import expose, exposure_of, to_light
 from uw_recon_ros.simulate.water import DOWNWELLING, Water, attenuate, daylight_veil, forward_scatter, make_water
 
 MURKY = Water(np.array([0.9, 0.5, 0.3]), np.array([1.1, 0.6, 0.4]), np.ones(3), np.array([0.05, 0.2, 0.3]), 0.0)

@@ -12,11 +12,11 @@ from uw_recon_ros.bags.messages import CAMERA_INFO, IMAGE, IMAGES
 from uw_recon_ros.bags.model import RawMessage, TopicInfo
 from uw_recon_ros.calibration import camera_from_info
 from uw_recon_ros.calibration.rectified import as_rectified, named_rectified, rectified_by_name
+from uw_recon_ros.camera_sides import pairs_of, partners, side_of
 from uw_recon_ros.errors import BagError, CalibrationError, ImageError, ReconError
 from uw_recon_ros.findings import Code
 from uw_recon_ros.image_pair import as_pair
 from uw_recon_ros.pairing import Synchronizer
-from uw_recon_ros.sides import pairs_of, partners, side_of
 from uw_recon_ros.types import CameraModel, StereoCalibration, StereoPair
 
 #: What a simulator knows and no camera says.

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from uw_recon_ros.calibrate.bundle import Bundle, SeenPair
+from uw_recon_ros.calibrate.depth_error import DepthError, HeldOut
 from uw_recon_ros.calibrate.detect import Sighting
-from uw_recon_ros.calibrate.worth import DepthError, HeldOut
 from uw_recon_ros.findings import Code, Finding, Severity
 from uw_recon_ros.types import Matrix
 

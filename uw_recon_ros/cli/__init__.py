@@ -11,7 +11,7 @@ import os
 import sys
 from collections.abc import Collection, Sequence
 
-from uw_recon_ros import signals
+from uw_recon_ros import stop_signals
 from uw_recon_ros.cli import (
     calibrate,
     completion,
@@ -87,8 +87,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except MemoryError:
         return _fail("no memory is left: close some programs, take smaller images, or use fewer jobs", FAILED)
     except KeyboardInterrupt:
-        signals.tell_interrupted("interrupted")
-        return signals.INTERRUPTED
+        stop_signals.tell_interrupted("interrupted")
+        return stop_signals.INTERRUPTED
     except Exception as error:
         return _fail(our_fault(error), OUR_FAULT)
 
@@ -105,7 +105,7 @@ def _run(words: Sequence[str]) -> int:
 
 
 def _fail(error: object, code: int) -> int:
-    if signals.came():  # what an interrupt became on its way through a library
+    if stop_signals.came():  # what an interrupt became on its way through a library
         return code
     say("uw_recon: " + " ".join(str(error).split()))
     return code

@@ -137,7 +137,7 @@ def _live(args: argparse.Namespace) -> int:
         from uw_recon_ros.nodes.calibrate_node import main
     except ImportError as error:
         raise UsageError(
-            f"--live: expected ROS 2, sourced or by pip install '.[ros-jazzy]' in the folder of the sources; {error}"
+            f"--live: expected ROS 2, sourced or by pip install '.[ros-jazzy]' in the sources' folder; {error}"
         ) from error
     columns, rows = _size(args.size) or (0, 0)
     told = {

@@ -31,7 +31,7 @@ def run(args: argparse.Namespace) -> int:
         from argcomplete.shell_integration import shellcode
     except ModuleNotFoundError as error:
         raise ReconError(
-            "completion: expected the package argcomplete, got none: pip install 'uw_recon_ros[completion]'"
+            "completion: expected the package argcomplete, got none: pip install '.[completion]' in the sources' folder"
         ) from error
     sys.stdout.write(shellcode(["uw_recon"], shell=args.shell) + "\n")
     return OK

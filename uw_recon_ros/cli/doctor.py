@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
     except ModuleNotFoundError as error:
         raise ReconError(
             f"doctor: expected ROS 2, no module {error.name}: source its setup.bash, or pip install "
-            "'uw_recon_ros[ros-jazzy]'"
+            "'.[ros-jazzy]' in the sources' folder"
         ) from error
     try:
         seen = observe(args.namespace, args.seconds, args.ros_args)

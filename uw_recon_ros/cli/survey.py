@@ -9,7 +9,7 @@ import os
 import sys
 from typing import TYPE_CHECKING
 
-from uw_recon_ros import signals
+from uw_recon_ros import stop_signals
 from uw_recon_ros.blas import one_blas_thread
 from uw_recon_ros.cli.common import (
     FAILED,
@@ -88,8 +88,8 @@ def run(args: argparse.Namespace) -> int:
     try:
         outcome = run_survey(request, lambda: _executor(args), progress)
     except KeyboardInterrupt:
-        signals.tell_interrupted(f"{args.output}: interrupted; the same command resumes there")
-        return signals.INTERRUPTED
+        stop_signals.tell_interrupted(f"{args.output}: interrupted; the same command resumes there")
+        return stop_signals.INTERRUPTED
     _tell(outcome, args)
     if args.model:
         _model(args)

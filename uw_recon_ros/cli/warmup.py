@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Compile; the count on standard output."""
     from uw_recon_ros.jit import CACHE_DIRECTORY
-    from uw_recon_ros.warm import tell_if_cold, warm_up
+    from uw_recon_ros.kernel_warmup import tell_if_cold, warm_up
 
     tell_if_cold(say)
     use = warm_up()

@@ -24,7 +24,8 @@ def write_laz(path: Path, cloud: PointCloud) -> None:
     try:
         import laspy
     except ImportError as error:
-        raise ReconError("cloud_format laz: expected the extra 'laz': pip install uw_recon_ros[laz]") from error
+        text = "cloud_format laz: expected the extra 'laz': pip install '.[laz]' in the sources' folder"
+        raise ReconError(text) from error
     points, colors = cloud.points.reshape(-1, 3), cloud.colors.reshape(-1, 3)
     there = np.isfinite(points).all(axis=1)
     header = laspy.LasHeader(version="1.4", point_format=7)

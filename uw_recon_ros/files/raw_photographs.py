@@ -25,7 +25,7 @@ SUFFIXES = HEIF | frozenset((".dng", ".nef", ".cr2", ".cr3", ".arw", ".gpr", ".o
 _SRGB = (2.4, 12.92)
 _MOST_DIRECTORIES = 64
 _LEAST_BITS = 0.3  # a pixel; lossy DNG has one or more
-_WAY_OUT = "pip install 'uw_recon_ros[raw]', or develop it to 16-bit TIFF or PNG first"
+_WAY_OUT = "pip install '.[raw]' in the sources' folder, or develop it to 16-bit TIFF or PNG first"
 
 
 def expect_library(suffix: str) -> Any:

@@ -39,7 +39,7 @@ def library() -> Any:
         import av
     except ImportError as error:
         raise BagError(
-            "a video: expected the extra 'video' to be installed: pip install 'uw_recon_ros[video]'",
+            "a video: expected the extra 'video' to be installed: pip install '.[video]' in the sources' folder",
             Code.RECORDING_EXTRA,
         ) from error
     return av

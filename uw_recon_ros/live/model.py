@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from uw_recon_ros import rigid
-from uw_recon_ros.align.graph import Edges, solve_graph
 from uw_recon_ros.align.loops import candidates, footprints, loop_chi2, passes_chi2_gate, summed_covariances
+from uw_recon_ros.align.pose_graph import Edges, solve_graph
 from uw_recon_ros.fuse.frame import PosedFrame
 from uw_recon_ros.live.params import LiveModelParams
 from uw_recon_ros.live.submap import OpenSubmap, Submap

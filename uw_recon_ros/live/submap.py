@@ -11,7 +11,7 @@ from uw_recon_ros.fuse.frame import PosedFrame, View, view_of
 from uw_recon_ros.fuse.integrate import Volume, empty_volume
 from uw_recon_ros.fuse.layout import band_of
 from uw_recon_ros.fuse.marching_cubes import Patch, extract
-from uw_recon_ros.fuse.pieces import seen_by, without_loose_pieces
+from uw_recon_ros.fuse.surface_pieces import seen_by, without_loose_pieces
 from uw_recon_ros.types import ByteImage, Matrix
 
 _SIGMAS, _SIGMA_VOXELS = 3.0, 2.0  # of the truncation; beyond so many voxels a depth is left out

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros import rigid
-from uw_recon_ros.align.graph import Anchors, Edges, Solved, joined, no_anchors, solve_graph
 from uw_recon_ros.align.loops import candidates, footprints, loop_chi2, passes_chi2_gate, summed_covariances
+from uw_recon_ros.align.pose_graph import Anchors, Edges, Solved, joined, no_anchors, solve_graph
 from uw_recon_ros.align.self_calibration import RigFinding, calibrate, corrected
 from uw_recon_ros.errors import EstimationError
 from uw_recon_ros.findings import Code, Finding, Severity

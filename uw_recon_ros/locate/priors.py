@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from uw_recon_ros import rigid
-from uw_recon_ros.align.graph import Anchors, no_anchors
+from uw_recon_ros.align.pose_graph import Anchors, no_anchors
 from uw_recon_ros.trajectory import Trajectory
 from uw_recon_ros.types import Matrix
 

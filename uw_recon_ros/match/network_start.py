@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from uw_recon_ros.match.planes.start import Beginning, View, compare_views
+from uw_recon_ros.match.planes.initial_disparity import Beginning, View, compare_views
 from uw_recon_ros.match.stereo_network import StereoNetwork
 from uw_recon_ros.types import ByteImage, FloatImage, Mask, Status
 
@@ -19,7 +19,7 @@ _BEYOND = 0.5  # px that a disparity may lie beyond the limits
 def begin_with(
     network: StereoNetwork, left: ByteImage, right: ByteImage, low: int, high: int, threads: int
 ) -> Beginning:
-    """What `planes.start.begin` gives, by a network.
+    """What `planes.initial_disparity.begin` gives, by a network.
 
     Parameters
     ----------

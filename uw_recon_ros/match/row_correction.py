@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_recon_ros.match.planes.start import Beginning, begin
+from uw_recon_ros.match.planes.initial_disparity import Beginning, begin
 from uw_recon_ros.types import ByteImage, FloatImage, RowOffset
 
 POINTS, APART, QUALITY = 600, 7, 0.003  #: corners looked for: number, distance px, part of the best one's strength

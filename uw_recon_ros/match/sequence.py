@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from uw_recon_ros.match.planes.motion import FrameBefore
+from uw_recon_ros.match.planes.previous_frame import FrameBefore
 from uw_recon_ros.match.stage import Match
 from uw_recon_ros.types import DisparityMap, RectifiedPair
 

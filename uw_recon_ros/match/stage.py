@@ -16,9 +16,9 @@ from uw_recon_ros.findings import Code
 from uw_recon_ros.match.disparity_range import find_disparity_range
 from uw_recon_ros.match.methods import EFFORTS, METHODS, NETWORK_VALUES
 from uw_recon_ros.match.planes.confidence import confidence_of, signs_of_error
+from uw_recon_ros.match.planes.initial_disparity import Beginning
 from uw_recon_ros.match.planes.matcher import graph_cut
-from uw_recon_ros.match.planes.motion import FrameBefore
-from uw_recon_ros.match.planes.start import Beginning
+from uw_recon_ros.match.planes.previous_frame import FrameBefore
 from uw_recon_ros.match.row_correction import Mended, mend_rows
 from uw_recon_ros.match.status import explain
 from uw_recon_ros.match.window import paste, window_to_match
@@ -33,7 +33,7 @@ from uw_recon_ros.types import (
     RowOffset,
     Status,
 )
-from uw_recon_ros.unseen import continued, unseen
+from uw_recon_ros.unseen_pixels import continued, unseen
 
 if TYPE_CHECKING:
     from uw_recon_ros.match.stereo_network import StereoNetwork

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.match.planes.left_right_check import fill_rows
 from uw_recon_ros.types import ByteImage, FloatImage, Mask, MatchingPair, Status, Window
-from uw_recon_ros.unseen import unseen
+from uw_recon_ros.unseen_pixels import unseen
 
 
 def explain(disparity: FloatImage, min_disparity: int, max_disparity: int, pair: MatchingPair) -> ByteImage:

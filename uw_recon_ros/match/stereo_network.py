@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.errors import EstimationError
 from uw_recon_ros.findings import Code
-from uw_recon_ros.match.planes.start import enlarge
+from uw_recon_ros.match.planes.initial_disparity import enlarge
 from uw_recon_ros.types import ByteImage, FloatImage
 
 MULTIPLE = 32  #: sides of what a network of free size is given, px
@@ -152,7 +152,7 @@ def _session(path: str, modified_ns: int, size: int, threads: int) -> Any:
     try:
         import onnxruntime
     except ImportError as error:
-        raise _refused("ONNX Runtime", "none; pip install 'uw_recon_ros[network]'") from error
+        raise _refused("ONNX Runtime", "none; pip install '.[network]' in the sources' folder") from error
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
     options.use_deterministic_compute = True

@@ -13,8 +13,8 @@ import numpy as np
 
 from uw_recon_ros.errors import EstimationError
 from uw_recon_ros.findings import Code
-from uw_recon_ros.measure.draws import below, normals
-from uw_recon_ros.measure.ends import CORRELATED_PX, End, segment_ends
+from uw_recon_ros.measure.endpoints import CORRELATED_PX, End, segment_ends
+from uw_recon_ros.measure.random_draws import below, normals
 from uw_recon_ros.trajectory import DisparityFrame
 from uw_recon_ros.types import Mask, Matrix, StereoGeometry
 

@@ -83,7 +83,7 @@ def compose(task: TileTask) -> Composed:
 
 def _expect_laz(params: DiveModelParams) -> None:
     if params.cloud_format == "laz" and not has_laz():
-        text = "cloud_format laz: expected the extra 'laz': pip install uw_recon_ros[laz]"
+        text = "cloud_format laz: expected the extra 'laz': pip install '.[laz]' in the sources' folder"
         raise ModelError(text, Code.MODEL_EXTRA_ABSENT)
 
 
@@ -130,7 +130,7 @@ def _tiles(task: TileTask, found: Found, colored: partial[Column]) -> list[str]:
 def _findings(task: TileTask, mapped: Mapped, per_voxel: float) -> Iterator[Finding]:
     if not has_extra():
         text = "the mesh is not simplified and has no texture: fast-simplification and xatlas are not installed"
-        yield Finding(Code.MODEL_EXTRA_ABSENT, text, advice="pip install uw_recon_ros[model]")
+        yield Finding(Code.MODEL_EXTRA_ABSENT, text, advice="pip install '.[model]' in the sources' folder")
     if per_voxel < task.params.cells_a_voxel:
         text = f"the orthomosaic's cells are {1000 * mapped.pixel:g} mm, larger than asked for, to stay in most_cells"
         yield Finding(Code.MODEL_COARSENED, text, advice="raise most_cells")

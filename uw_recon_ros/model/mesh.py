@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from uw_recon_ros.fuse.blocks import Keys
 from uw_recon_ros.fuse.marching_cubes import joined
-from uw_recon_ros.fuse.pieces import without_loose_pieces
+from uw_recon_ros.fuse.surface_pieces import without_loose_pieces
 from uw_recon_ros.model.colors import Column, color_points
 from uw_recon_ros.model.maps import Overview
 from uw_recon_ros.model.surface import Found, column_patch, columns_of

@@ -16,7 +16,7 @@ from uw_recon_ros.fuse.frame import view_of
 from uw_recon_ros.fuse.integrate import empty_volume
 from uw_recon_ros.fuse.layout import Layout, LayoutBuilder, footprint_of, voxel_for
 from uw_recon_ros.fuse.marching_cubes import Patch, extract, joined
-from uw_recon_ros.fuse.pieces import seen_by, without_loose_pieces
+from uw_recon_ros.fuse.surface_pieces import seen_by, without_loose_pieces
 from uw_recon_ros.model.work import Arrays, TileTask
 from uw_recon_ros.texturing.best_view import sharpness_of
 from uw_recon_ros.types import Matrix

@@ -20,7 +20,7 @@ from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import Trigger
 
-from uw_recon_ros import signals
+from uw_recon_ros import stop_signals
 from uw_recon_ros.bags.model import LATEST_NS, RawMessage
 from uw_recon_ros.bags.reader import BagReader, open_bag
 from uw_recon_ros.errors import BagError
@@ -175,7 +175,7 @@ class BagPlayerNode(Node):  # type: ignore[misc]
 
     def _spin(self, timeout_s: float) -> None:
         self._executor.spin_once(timeout_sec=timeout_s)
-        if signals.came() or not self.context.ok():
+        if stop_signals.came() or not self.context.ok():
             raise ExternalShutdownException
 
     def _publish_clock(self) -> None:

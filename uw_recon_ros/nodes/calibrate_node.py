@@ -21,7 +21,7 @@ from typing import Any
 
 from std_srvs.srv import Trigger
 
-from uw_recon_ros import signals
+from uw_recon_ros import stop_signals
 from uw_recon_ros.calibrate.advice import covered
 from uw_recon_ros.calibrate.fit import LEAST_PAIRS
 from uw_recon_ros.calibrate_files import BoardAsked, Seen, write_result
@@ -31,7 +31,7 @@ from uw_recon_ros.files.atomic import claim_folder, is_taken
 from uw_recon_ros.images import as_gray
 from uw_recon_ros.node_params import CalibrateNodeParams, CameraParams
 from uw_recon_ros.nodes.preprocess_node import CAMERAS, camera_filter
-from uw_recon_ros.ros.declarations import outputs_of
+from uw_recon_ros.ros.declared_topics import outputs_of
 from uw_recon_ros.ros.message_groups import Group
 from uw_recon_ros.ros.messages import header, image_message
 from uw_recon_ros.ros.node import StageNode
@@ -173,7 +173,7 @@ class CalibrateNode(StageNode[CalibrateStage]):
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the node until it is interrupted, and calibrate; return the exit code."""
-    signals.finish_first()
+    stop_signals.finish_first()
     return run(CalibrateNode, __doc__, args)
 
 

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 from uw_recon_ros.match.stage import MatchParams
 from uw_recon_ros.node_params import DisparityMessageParams, RateParams
-from uw_recon_ros.ros.declarations import Input, input_topic, outputs_of
+from uw_recon_ros.ros.declared_topics import Input, input_topic, outputs_of
 from uw_recon_ros.ros.diagnostics import Diagnostics
 from uw_recon_ros.ros.message_groups import Group
 from uw_recon_ros.ros.messages import (

@@ -29,6 +29,7 @@ import numpy as np
 from std_srvs.srv import Trigger
 
 from uw_recon_ros import rigid
+from uw_recon_ros.camera_mount import MountParams
 from uw_recon_ros.errors import EstimationError, ReconError
 from uw_recon_ros.findings import Code
 from uw_recon_ros.live.model import LiveModel
@@ -36,9 +37,8 @@ from uw_recon_ros.live.params import LiveModelParams
 from uw_recon_ros.live.submap import warm_up
 from uw_recon_ros.model.kept_frames import placed
 from uw_recon_ros.model.live import KeyFrameFolder, expect_room, save_model
-from uw_recon_ros.mount import MountParams
 from uw_recon_ros.node_params import CloudParams, DisparityMessageParams, ModelNodeParams
-from uw_recon_ros.ros.declarations import Input, input_topic, outputs_of
+from uw_recon_ros.ros.declared_topics import Input, input_topic, outputs_of
 from uw_recon_ros.ros.disparity_frames import FRAME_INPUTS, disparity_frame, view_from_child
 from uw_recon_ros.ros.message_groups import Group
 from uw_recon_ros.ros.messages import cloud_message, surface_message, view_from_odometry

@@ -25,11 +25,11 @@ from typing import Any
 import numpy as np
 
 from uw_recon_ros import rigid
+from uw_recon_ros.camera_mount import BODY_FROM_OPTICAL, MountParams
 from uw_recon_ros.errors import EstimationError
 from uw_recon_ros.findings import Code, Finding, Severity
-from uw_recon_ros.mount import BODY_FROM_OPTICAL, MountParams
 from uw_recon_ros.node_params import CloudParams, DisparityMessageParams, OdometryNodeParams
-from uw_recon_ros.ros.declarations import outputs_of
+from uw_recon_ros.ros.declared_topics import outputs_of
 from uw_recon_ros.ros.disparity_frames import FRAME_INPUTS, disparity_frame, view_from_child
 from uw_recon_ros.ros.message_groups import Group
 from uw_recon_ros.ros.messages import odometry_message, path_message

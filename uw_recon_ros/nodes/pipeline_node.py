@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from uw_recon_ros.camera_mount import MountParams
 from uw_recon_ros.match.stage import MatchParams
-from uw_recon_ros.mount import MountParams
 from uw_recon_ros.node_params import CameraParams, DisparityMessageParams, RateParams
 from uw_recon_ros.nodes import disparity_node, point_cloud_node, preprocess_node, rectify_node
 from uw_recon_ros.pipeline import Products, Stages

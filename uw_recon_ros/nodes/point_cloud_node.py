@@ -24,11 +24,11 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from uw_recon_ros.calibration.judge import judge_depths
-from uw_recon_ros.mount import MountParams
+from uw_recon_ros.camera_mount import MountParams
 from uw_recon_ros.node_params import CloudParams, DisparityMessageParams
 from uw_recon_ros.reconstruct.obstacles import FindObstacles, ObstacleParams
 from uw_recon_ros.reconstruct.stage import TEXTURES, Reconstruct, ReconstructParams
-from uw_recon_ros.ros.declarations import Input, input_topic, outputs_of
+from uw_recon_ros.ros.declared_topics import Input, input_topic, outputs_of
 from uw_recon_ros.ros.diagnostics import Diagnostics
 from uw_recon_ros.ros.geometry import check_size, geometry_from_infos
 from uw_recon_ros.ros.message_groups import Group

@@ -19,7 +19,7 @@ from uw_recon_ros.findings import severe
 from uw_recon_ros.node_params import CameraParams
 from uw_recon_ros.preprocess.sequence import PreprocessSequence
 from uw_recon_ros.preprocess.stage import PreprocessParams
-from uw_recon_ros.ros.declarations import Input, input_topic, outputs_of
+from uw_recon_ros.ros.declared_topics import Input, input_topic, outputs_of
 from uw_recon_ros.ros.diagnostics import Diagnostics
 from uw_recon_ros.ros.message_groups import Group
 from uw_recon_ros.ros.messages import header, image_message

@@ -26,7 +26,7 @@ from uw_recon_ros.calibration.rectified import rectified_by_name
 from uw_recon_ros.rectify.stage import Rectify, RectifyParams
 from uw_recon_ros.rectify.tracker import RigTracker
 from uw_recon_ros.ros import rectified_frame
-from uw_recon_ros.ros.declarations import Input, input_topic, outputs_of
+from uw_recon_ros.ros.declared_topics import Input, input_topic, outputs_of
 from uw_recon_ros.ros.diagnostics import Diagnostics
 from uw_recon_ros.ros.message_groups import Group
 from uw_recon_ros.ros.messages import header, image_message, rectified_infos

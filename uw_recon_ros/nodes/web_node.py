@@ -20,7 +20,7 @@ from rclpy.node import Node
 from rclpy.subscription import Subscription
 from rclpy.utilities import remove_ros_args
 
-from uw_recon_ros import signals
+from uw_recon_ros import stop_signals
 from uw_recon_ros.nodes.web_server import PICTURES, Seen, serve
 from uw_recon_ros.ros.message_types import message_class
 from uw_recon_ros.ros.parameters import ParameterError
@@ -87,7 +87,7 @@ def main(args: Sequence[str] | None = None) -> int:
             executor.add_node(node)
             server = serve(seen, settings.address, settings.port)
             node.get_logger().info(f"a page with state and pictures: http://{settings.address}:{server.server_port}/")
-            while not signals.came():
+            while not stop_signals.came():
                 executor.spin_once()
     except ParameterError as error:
         print(f"error: {error}", file=sys.stderr)  # noqa: T201

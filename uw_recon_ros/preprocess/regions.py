@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from uw_recon_ros.findings import Code, Finding, Severity
 from uw_recon_ros.preprocess.image_pairs import TwoThreads, checked_images, full_scale
 from uw_recon_ros.types import Mask, RawImage, StereoPair
-from uw_recon_ros.unseen import with_margin
+from uw_recon_ros.unseen_pixels import with_margin
 
 BLOCK = 8  #: px
 _SMALLEST_SIDE = 4 * BLOCK  # px, of an image that is looked at

@@ -32,7 +32,7 @@ from uw_recon_ros.preprocess.matching_profile import channel_weights, denoise_ev
 from uw_recon_ros.preprocess.moire import remove_moire
 from uw_recon_ros.preprocess.regions import Regions, find_regions
 from uw_recon_ros.types import ByteImage, EnhancedPair, FloatImage, Mask, StereoPair
-from uw_recon_ros.unseen import blackened, continued, mark_unseen
+from uw_recon_ros.unseen_pixels import blackened, continued, mark_unseen
 
 Views = tuple[FloatImage, FloatImage]
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_recon_ros.mount import MountParams
+from uw_recon_ros.camera_mount import MountParams
 from uw_recon_ros.params import Params, param
 from uw_recon_ros.reconstruct.triangulation import points_from_depth
 from uw_recon_ros.types import AxisRange, DepthMap, DisparityMap, Mask, Sectors

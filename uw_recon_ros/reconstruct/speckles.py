@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_recon_ros.connected_pieces import label_pieces
 from uw_recon_ros.jit import kernel
-from uw_recon_ros.pieces import label_pieces
 from uw_recon_ros.types import FloatImage, Mask
 
 

@@ -8,11 +8,11 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from uw_recon_ros.bags.files import natural_order
+from uw_recon_ros.camera_sides import NUMBERED, pairs_of, partners
 from uw_recon_ros.errors import BagError, ImageError
 from uw_recon_ros.files.raw_photographs import SUFFIXES as RAW
 from uw_recon_ros.files.raw_photographs import expect_library
 from uw_recon_ros.findings import Code
-from uw_recon_ros.sides import NUMBERED, pairs_of, partners
 from uw_recon_ros.system_errors import told_as
 
 IMAGES = frozenset((".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm", ".webp", ".jp2", ".mpo"))

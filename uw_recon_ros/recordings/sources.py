@@ -12,13 +12,13 @@ from typing import Literal
 from uw_recon_ros.bags import BagReader, open_bag
 from uw_recon_ros.bags.files import natural_order
 from uw_recon_ros.bags.stereo import holds_one_camera
-from uw_recon_ros.bags.two import TwoBags
+from uw_recon_ros.bags.two_bags import TwoBags
+from uw_recon_ros.camera_sides import pairs_of, partners, side_of
 from uw_recon_ros.errors import BagError
 from uw_recon_ros.files.kinds import describe_file
 from uw_recon_ros.findings import Code
 from uw_recon_ros.recordings.folders import camera_folders, find_images, flat_pairs, images_in, what_is_in
 from uw_recon_ros.recordings.video import SUFFIXES as VIDEOS
-from uw_recon_ros.sides import pairs_of, partners, side_of
 from uw_recon_ros.system_errors import reason, told_as
 
 _BAGS = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd", ".bag")

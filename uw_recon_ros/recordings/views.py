@@ -11,7 +11,7 @@ import numpy as np
 from uw_recon_ros.errors import BagError, ImageError
 from uw_recon_ros.files.images import read_image
 from uw_recon_ros.findings import Code
-from uw_recon_ros.recordings.clock import Clock, find_clock
+from uw_recon_ros.recordings.clock_offset import Clock, find_clock
 from uw_recon_ros.recordings.folders import IMAGES, camera_folders, find_images, flat_pairs, images_in, raw_in
 from uw_recon_ros.recordings.layout import LAYOUTS, find_layout, mpo_parts
 from uw_recon_ros.recordings.options import Options

@@ -1,6 +1,6 @@
 """Rectification (paper 2.2): matching pixels onto common rows, with a calibration or without."""
 
-from uw_recon_ros.lazy import make_callable
+from uw_recon_ros.lazy_import import make_callable
 from uw_recon_ros.rectify.calibrated import rectification_from_calibration
 from uw_recon_ros.rectify.params import RectifyParams
 from uw_recon_ros.rectify.rectification import Rectification

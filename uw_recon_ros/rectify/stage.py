@@ -9,7 +9,7 @@ from uw_recon_ros.rectify.params import RectifyParams
 from uw_recon_ros.rectify.rectification import Rectification
 from uw_recon_ros.rectify.warp import read_at, warp_unseen
 from uw_recon_ros.types import ByteImage, EnhancedPair, FloatImage, Mask, RectifiedPair, named_frame
-from uw_recon_ros.unseen import blackened, continued, mark_unseen, unseen
+from uw_recon_ros.unseen_pixels import blackened, continued, mark_unseen, unseen
 
 __all__ = ["Rectify", "RectifyParams"]
 

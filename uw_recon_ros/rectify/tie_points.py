@@ -15,7 +15,7 @@ from uw_recon_ros.rectify.features import find_features, mutual_matches, spread
 from uw_recon_ros.rectify.fundamental import robust_inliers
 from uw_recon_ros.rectify.params import RectifyParams
 from uw_recon_ros.types import ByteImage, EnhancedPair, Mask, Matrix
-from uw_recon_ros.unseen import continued, unseen, with_margin
+from uw_recon_ros.unseen_pixels import continued, unseen, with_margin
 
 _TAIL = 0.05
 _MARGIN_PX = 20.0

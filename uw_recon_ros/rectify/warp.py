@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.rectify.rectified_camera import RectifiedCamera
 from uw_recon_ros.types import ByteImage, FloatImage, Mask, Matrix, Window
-from uw_recon_ros.unseen import blackened, with_margin
+from uw_recon_ros.unseen_pixels import blackened, with_margin
 
 _INTERPOLATION = {"linear": cv2.INTER_LINEAR, "cubic": cv2.INTER_CUBIC, "lanczos": cv2.INTER_LANCZOS4}
 Columns = NDArray[np.int64]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from uw_recon_ros import rigid
-from uw_recon_ros.mount import MountParams
+from uw_recon_ros.camera_mount import MountParams
 from uw_recon_ros.node_params import CloudParams, DisparityMessageParams
-from uw_recon_ros.ros.declarations import Input, input_topic
+from uw_recon_ros.ros.declared_topics import Input, input_topic
 from uw_recon_ros.ros.geometry import check_size, geometry_from_infos
 from uw_recon_ros.ros.message_groups import Group
 from uw_recon_ros.ros.messages import disparity_from_message

@@ -12,7 +12,7 @@ from rclpy.node import Node
 from uw_recon_ros.errors import ReconError
 from uw_recon_ros.files.video_packets import is_video
 from uw_recon_ros.messages.headers import received_stamp_ns
-from uw_recon_ros.ros.declarations import Input, InputTopic
+from uw_recon_ros.ros.declared_topics import Input, InputTopic
 from uw_recon_ros.ros.diagnostics import PASSED_OVER, Diagnostics
 from uw_recon_ros.ros.message_groups import Assembler, Group
 from uw_recon_ros.ros.qos import ReliableFirst

@@ -11,7 +11,7 @@ from rclpy.clock import Clock, ClockType
 
 from uw_recon_ros.node_params import NodeParams
 from uw_recon_ros.params import Params
-from uw_recon_ros.ros.declarations import Input, Output
+from uw_recon_ros.ros.declared_topics import Input, Output
 from uw_recon_ros.ros.diagnostics import Diagnostics
 from uw_recon_ros.ros.inputs import Inputs
 from uw_recon_ros.ros.lifecycle import ManagedNode

@@ -9,7 +9,7 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 
-from uw_recon_ros.ros.declarations import Output
+from uw_recon_ros.ros.declared_topics import Output
 from uw_recon_ros.ros.diagnostics import Diagnostics
 from uw_recon_ros.ros.qos import advertise
 

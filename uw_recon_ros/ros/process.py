@@ -1,6 +1,6 @@
 """Running a node as a process: start, spin, end, and the exit code.
 
-A signal interrupts nothing, it is noted (`signals`) for the main loop to see. Then everything ends in order: the node
+A signal interrupts nothing, it is noted (`stop_signals`) for the main loop to see. Then all ends in order: the node
 shuts down, so that nothing is sent any more; it is destroyed; ROS ends; the process leaves. Where the worker's thread
 is still computing, it leaves without the interpreter's farewell: a thread that comes back from compiled code into an
 interpreter that has ended is unwound by force, and the C library aborts the process if it stood in C++ ("FATAL:
@@ -25,7 +25,7 @@ from rclpy.logging import LoggingSeverity
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from uw_recon_ros import signals
+from uw_recon_ros import stop_signals
 from uw_recon_ros.ros import allocator, fastdds
 from uw_recon_ros.ros.node import StageNode
 from uw_recon_ros.ros.parameters import ParameterError
@@ -77,7 +77,7 @@ def _in_our_words(error: Exception) -> str:
 @contextmanager
 def until_shutdown() -> Iterator[None]:
     """Note signals instead of being interrupted by them, for good; let a shutdown from elsewhere end the block."""
-    signals.note(_leave_now)
+    stop_signals.note(_leave_now)
     with suppress(ExternalShutdownException):
         yield
 
@@ -87,13 +87,13 @@ def leave(code: int, *, clean: bool = True) -> int:
     rclpy.try_shutdown()
     fastdds.clean_up()
     if not clean:
-        signals.leave(code)
+        stop_signals.leave(code)
     return code
 
 
 def _leave_now(code: int) -> None:
     fastdds.clean_up()
-    signals.leave(code)
+    stop_signals.leave(code)
 
 
 def command_line(about: str | None, args: Sequence[str] | None) -> None:
@@ -123,7 +123,7 @@ def run(make: Callable[[], StageNode[Any]], about: str | None, args: Sequence[st
         Exit code: 0 after SIGINT, SIGTERM or a shutdown; 1 after an error of ours; 2 for refused parameters or
         arguments.
     """
-    signals.note(_leave_now)
+    stop_signals.note(_leave_now)
     node: StageNode[Any] | None = None
     executor: SingleThreadedExecutor | None = None
     code, clean = DONE, True
@@ -133,7 +133,7 @@ def run(make: Callable[[], StageNode[Any]], about: str | None, args: Sequence[st
         node, executor = make(), SingleThreadedExecutor()
         executor.add_node(node)
         with suppress(ExternalShutdownException):
-            while not signals.came():  # the node's timers wake the executor several times a second
+            while not stop_signals.came():  # the node's timers wake the executor several times a second
                 executor.spin_once()
     except ParameterError as error:
         print(f"error: {error}", file=sys.stderr)  # noqa: T201

@@ -13,7 +13,7 @@ import numpy as np
 from geometry_msgs.msg import Quaternion, Transform, TransformStamped, Vector3
 
 from uw_recon_ros.rigid import quaternion
-from uw_recon_ros.ros.declarations import Output
+from uw_recon_ros.ros.declared_topics import Output
 from uw_recon_ros.ros.message_types import message_class
 from uw_recon_ros.ros.messages import header
 from uw_recon_ros.ros.outputs import Outputs

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from uw_recon_ros.ros.declarations import Output
+from uw_recon_ros.ros.declared_topics import Output
 from uw_recon_ros.ros.message_types import message_class
 from uw_recon_ros.ros.messages import transform_message
 from uw_recon_ros.ros.outputs import Outputs

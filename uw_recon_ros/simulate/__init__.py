@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from uw_recon_ros.lazy import on_demand
+from uw_recon_ros.lazy_import import on_demand
 
 if TYPE_CHECKING:
     from uw_recon_ros.simulate.dive import Dive, SimulatedFrame

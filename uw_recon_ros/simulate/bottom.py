@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from uw_recon_ros.simulate.course import Course
 from uw_recon_ros.simulate.scene import (
     AMPHORA,
     BLOCK,
@@ -25,6 +24,7 @@ from uw_recon_ros.simulate.scene import (
     bounds_of,
     solid,
 )
+from uw_recon_ros.simulate.tracks import Course
 from uw_recon_ros.types import Matrix
 
 STEP_M = 0.04

@@ -10,14 +10,14 @@ import numpy as np
 
 from uw_recon_ros.simulate import lamp as lamps
 from uw_recon_ros.simulate import snow as snows
-from uw_recon_ros.simulate.cast import FAR_M, cast
 from uw_recon_ros.simulate.disturb import port_pattern, recorded, through_port
 from uw_recon_ros.simulate.fish import with_fish
+from uw_recon_ros.simulate.image_sensor import expose, exposure_of, lens_blur
 from uw_recon_ros.simulate.params import SimulateParams
+from uw_recon_ros.simulate.ray_casting import FAR_M, cast
 from uw_recon_ros.simulate.render import render
 from uw_recon_ros.simulate.rig import Pose, make_rig, pinhole_directions, pixel_directions, pose_at, project
 from uw_recon_ros.simulate.scene import Scene, make_scene
-from uw_recon_ros.simulate.sensor import expose, exposure_of, lens_blur
 from uw_recon_ros.simulate.water import attenuate, daylight_veil, forward_scatter, make_water
 from uw_recon_ros.types import ByteImage, FloatImage, Matrix, RawImage, Status, StereoCalibration, StereoGeometry
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros.evaluate import fill_rows
-from uw_recon_ros.simulate.sensor import expose, exposure_of, to_light
+from uw_recon_ros.simulate.image_sensor import expose, exposure_of, to_light
 from uw_recon_ros.simulate.snow import add_spots
 from uw_recon_ros.simulate.water import Water, attenuate, daylight_veil, forward_scatter
 from uw_recon_ros.types import FloatImage, Matrix, RawImage

@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from uw_recon_ros.jit import kernel
-from uw_recon_ros.simulate.cast import FAR_M, is_blocked, nearest_hit
 from uw_recon_ros.simulate.material import albedo
+from uw_recon_ros.simulate.ray_casting import FAR_M, is_blocked, nearest_hit
 from uw_recon_ros.simulate.scene import Scene
 from uw_recon_ros.types import Matrix
 

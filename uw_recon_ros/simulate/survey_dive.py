@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.files.atomic import write_bytes
 from uw_recon_ros.simulate.bottom import make_bottom, moved, without_movers
-from uw_recon_ros.simulate.cast import cast
-from uw_recon_ros.simulate.course import Course
 from uw_recon_ros.simulate.dive import Dive
 from uw_recon_ros.simulate.params import CourseParams, SimulateParams
+from uw_recon_ros.simulate.ray_casting import cast
 from uw_recon_ros.simulate.rig import Pose
 from uw_recon_ros.simulate.scene import Scene
+from uw_recon_ros.simulate.tracks import Course
 from uw_recon_ros.trajectory import Trajectory, pose_matrix, trajectory_of
 from uw_recon_ros.types import FloatImage, Matrix, StereoCalibration
 

@@ -12,9 +12,9 @@ from uw_recon_ros.bags.writer import BagWriter
 from uw_recon_ros.files.trajectories import write_tum
 from uw_recon_ros.rigid import quaternion
 from uw_recon_ros.simulate.dive import Dive, SimulatedFrame
+from uw_recon_ros.simulate.navigation_sensors import sensor_messages
 from uw_recon_ros.simulate.params import CourseParams, SimulateParams
 from uw_recon_ros.simulate.rig import LEFT_FRAME, RIGHT_FRAME
-from uw_recon_ros.simulate.sensors import sensor_messages
 from uw_recon_ros.simulate.survey_dive import SurveyDive, write_surface
 from uw_recon_ros.types import FloatImage, StereoCalibration
 

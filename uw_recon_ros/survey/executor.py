@@ -264,7 +264,7 @@ class DaskExecutor:
             from distributed import Client
         except ImportError as error:
             raise SurveyError(
-                "--dask: expected the extra 'dask' to be installed: pip install uw_recon_ros[dask]"
+                "--dask: expected the extra 'dask' to be installed: pip install '.[dask]' in the sources' folder"
             ) from error
         for name in _LOUD:
             logging.getLogger(name).setLevel(logging.CRITICAL)  # what matters comes as an exception, in one line

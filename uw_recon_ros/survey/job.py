@@ -48,9 +48,7 @@ class SurveyRequest:
     def check_extras(self) -> None:
         """Raise `SurveyError` where an optional library is wanted and not there."""
         if self.survey.cloud_format == "laz" and not importlib.util.find_spec("laspy"):
-            raise SurveyError(
-                "cloud_format laz: expected the extra 'laz' to be installed: pip install uw_recon_ros[laz]"
-            )
+            raise SurveyError("cloud_format laz: expected the extra 'laz': pip install '.[laz]' in the sources' folder")
 
 
 @dataclass(frozen=True)

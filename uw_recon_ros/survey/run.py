@@ -12,6 +12,7 @@ from typing import Any
 from uw_recon_ros.errors import BagError
 from uw_recon_ros.files.atomic import write_bytes, write_json
 from uw_recon_ros.files.calibrations import read_calibration
+from uw_recon_ros.kernel_warmup import tell_if_cold
 from uw_recon_ros.progress import Progress
 from uw_recon_ros.recordings.listing import Listing, first_size, list_frames
 from uw_recon_ros.recordings.pair_index import Frame
@@ -28,7 +29,6 @@ from uw_recon_ros.survey.store import BAG_PARTS, FAILED, UNRELIABLE, Row, Store,
 from uw_recon_ros.survey.tables import codes, frames_csv, report, timing_csv
 from uw_recon_ros.survey.worker import reconstruct_frame
 from uw_recon_ros.system_errors import explain
-from uw_recon_ros.warm import tell_if_cold
 
 _FINISHED = "finished.json"
 

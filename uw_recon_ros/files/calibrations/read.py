@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from uw_recon_ros.calibration.stereo_pose import Parts
+from uw_recon_ros.camera_sides import partners
 from uw_recon_ros.errors import CalibrationError
-from uw_recon_ros.files.calibrations import own, parts, ros
+from uw_recon_ros.files.calibrations import own_form, ros, two_lenses
 from uw_recon_ros.files.calibrations.document import LARGEST_BYTES, Document, read_documents
-from uw_recon_ros.files.calibrations.found import Size, list_of, squeezed
+from uw_recon_ros.files.calibrations.fields import Size, list_of, squeezed
 from uw_recon_ros.findings import Code
-from uw_recon_ros.sides import partners
 from uw_recon_ros.system_errors import reason
 from uw_recon_ros.types import CameraModel, StereoCalibration
 
@@ -229,8 +229,8 @@ def _opencv_names(document: Document) -> set[str]:
 
 def _has_intrinsics(document: Document) -> bool:
     names = _opencv_names(document)
-    firsts = [f"{word}{s}" for word in parts.CAMERA_WORDS["k"] for s in ("1", "l", "left", "2", "r", "right")]
-    return bool({*firsts, *(f"{s}{word}" for word in parts.CAMERA_WORDS["k"] for s in ("left", "right"))} & names)
+    firsts = [f"{word}{s}" for word in two_lenses.CAMERA_WORDS["k"] for s in ("1", "l", "left", "2", "r", "right")]
+    return bool({*firsts, *(f"{s}{word}" for word in two_lenses.CAMERA_WORDS["k"] for s in ("left", "right"))} & names)
 
 
 def _has_motion(document: Document) -> bool:
@@ -280,23 +280,23 @@ def _colmap(documents: Documents) -> Documents:
 
 #: In the order they are tried: where a folder holds a rig twice, the first form counts.
 FORMS = (
-    Form("calibration.json of uw_recon calibrate", lambda documents: [d for d in documents if own.is_own(d)], 1,
-         lambda documents, size, unit: own.rig_of(documents[0])),
+    Form("calibration.json of uw_recon calibrate", lambda documents: [d for d in documents if own_form.is_own(d)], 1,
+         lambda documents, size, unit: own_form.rig_of(documents[0])),
     _ros_form("camera_info YAML", ros.is_camera, ros.camera_of_file),
     _ros_form("a printed CameraInfo (ros2 topic echo)", ros.is_echo, ros.camera_of_echo),
     _ros_form("ost.txt of camera_calibration", ros.is_ost, ros.camera_of_ost),
-    _whole("a kalibr camchain", _is_kalibr, parts.kalibr),
-    Form("EuRoC's sensor.yaml", _euroc, 2, lambda ds, size, unit: parts.euroc(ds, size, unit).rig(),
+    _whole("a kalibr camchain", _is_kalibr, two_lenses.kalibr),
+    Form("EuRoC's sensor.yaml", _euroc, 2, lambda ds, size, unit: two_lenses.euroc(ds, size, unit).rig(),
          "expected cam0/sensor.yaml and cam1/sensor.yaml: name the folder of both"),
-    _whole("VIAME's camera JSON", lambda d: "fx_left" in d.first, parts.viame_json),
-    _whole("VIAME's camera npz", lambda d: d.kind == "arrays", parts.viame_npz),
-    _whole("a ZED conf", lambda d: any(name.startswith("LEFT_CAM_") for name in d.first), parts.zed),
-    _whole("MATLAB's stereo parameters", _is_matlab, parts.matlab),
-    _whole("KITTI's calibration", lambda d: d.kind == "numbers", parts.kitti),
-    _whole("COLMAP's rig_config.json", _is_rig_config, parts.colmap_rig_config),
-    Form("a COLMAP model", _colmap, 2, lambda ds, size, unit: parts.colmap_model(ds, size, unit).rig(),
+    _whole("VIAME's camera JSON", lambda d: "fx_left" in d.first, two_lenses.viame_json),
+    _whole("VIAME's camera npz", lambda d: d.kind == "arrays", two_lenses.viame_npz),
+    _whole("a ZED conf", lambda d: any(name.startswith("LEFT_CAM_") for name in d.first), two_lenses.zed),
+    _whole("MATLAB's stereo parameters", _is_matlab, two_lenses.matlab),
+    _whole("KITTI's calibration", lambda d: d.kind == "numbers", two_lenses.kitti),
+    _whole("COLMAP's rig_config.json", _is_rig_config, two_lenses.colmap_rig_config),
+    Form("a COLMAP model", _colmap, 2, lambda ds, size, unit: two_lenses.colmap_model(ds, size, unit).rig(),
          "expected cameras.txt and rigs.txt: name their folder"),
     Form("OpenCV's stereo matrices", _opencv_halves, 2,
-         lambda ds, size, unit: parts.opencv(ds[0], size, unit).rig(),
+         lambda ds, size, unit: two_lenses.opencv(ds[0], size, unit).rig(),
          "expected M1, D1, M2, D2 and R, T: name both intrinsics and extrinsics"),
 )  # fmt: skip

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any, TypeVar
 
 from uw_recon_ros.calibration.model import as_imaged, make_camera, short
+from uw_recon_ros.camera_sides import side_of
 from uw_recon_ros.errors import CalibrationError
 from uw_recon_ros.files.calibrations.document import Document
-from uw_recon_ros.files.calibrations.found import numbers
-from uw_recon_ros.sides import side_of
+from uw_recon_ros.files.calibrations.fields import numbers
 from uw_recon_ros.types import CameraModel
 
 T = TypeVar("T", dict[str, Any], list[Any], int, str)

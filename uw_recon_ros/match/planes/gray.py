@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_recon_ros.match.planes.threads import run_parallel
+from uw_recon_ros.match.planes.thread_pool import run_parallel
 from uw_recon_ros.types import ByteImage, FloatImage
 
 CONTRAST = 128  #: units that the median local contrast of either view is made to be

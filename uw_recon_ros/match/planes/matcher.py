@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.match.methods import EFFORTS
 from uw_recon_ros.match.planes.census import CLOSE, WIDE
-from uw_recon_ros.match.planes.certainty import plain_gray, sigma_of, with_disagreement
 from uw_recon_ros.match.planes.confidence import DOUBTFUL_SIGMA, confidence_of, doubtful, signs_of_error
 from uw_recon_ros.match.planes.cost_truncation import typical_costs
 from uw_recon_ros.match.planes.cross_support import edge_weights, inverse_size, measure_arms
@@ -26,21 +25,22 @@ from uw_recon_ros.match.planes.data_cost import (
     cost_weights,
     extend_borders,
 )
+from uw_recon_ros.match.planes.disparity_sigma import plain_gray, sigma_of, with_disagreement
 from uw_recon_ros.match.planes.expansion import Labelling, energy
 from uw_recon_ros.match.planes.gray import MOST, Gray
+from uw_recon_ros.match.planes.initial_disparity import Beginning, View, begin
 from uw_recon_ros.match.planes.left_right_check import (
     enforce_uniqueness,
     fill_background,
     remove_small_segments,
 )
-from uw_recon_ros.match.planes.motion import FrameBefore, move_planes
 from uw_recon_ros.match.planes.open_water import OpenWater, open_water
+from uw_recon_ros.match.planes.previous_frame import FrameBefore, move_planes
 from uw_recon_ros.match.planes.proposals import BEFORE, FIT, NEAR, OWN, POINTS, SHAKEN, Sources
 from uw_recon_ros.match.planes.refinement import Pass, disparity_of, refine
-from uw_recon_ros.match.planes.start import Beginning, View, begin
 from uw_recon_ros.match.planes.texture import Texture, untextured_mask
-from uw_recon_ros.match.planes.threads import row_bands, run_parallel
-from uw_recon_ros.match.planes.unfounded import unfounded
+from uw_recon_ros.match.planes.thread_pool import row_bands, run_parallel
+from uw_recon_ros.match.planes.unsupported import unfounded
 from uw_recon_ros.types import ByteImage, FloatImage, Mask, Status
 
 

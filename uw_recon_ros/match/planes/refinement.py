@@ -14,7 +14,7 @@ from uw_recon_ros.match.planes.data_cost import CostData, Workspace, make_worksp
 from uw_recon_ros.match.planes.expansion import Labelling, expand, possible_gain, take_cheaper
 from uw_recon_ros.match.planes.min_cut import GridGraph, make_grid
 from uw_recon_ros.match.planes.proposals import Sources, disparities, propose, seed_random
-from uw_recon_ros.match.planes.threads import run_parallel
+from uw_recon_ros.match.planes.thread_pool import run_parallel
 from uw_recon_ros.types import FloatImage, Mask
 
 CELL, MARGIN = 24, 8  #: planes are taken from a cell and expanded over it and a margin, px

@@ -12,7 +12,7 @@ from uw_recon_ros.jit import kernel
 from uw_recon_ros.match.planes.census import Words, census_words
 from uw_recon_ros.match.planes.cost_volume import Volume, fill_costs
 from uw_recon_ros.match.planes.gray import LEVELS, Gray
-from uw_recon_ros.match.planes.threads import row_bands, run_parallel
+from uw_recon_ros.match.planes.thread_pool import row_bands, run_parallel
 from uw_recon_ros.types import ByteImage, FloatImage
 
 STEP, JUMP = 80, 320  #: penalties of a disparity step of one, and of any larger one

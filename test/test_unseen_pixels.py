@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as some
 
-from uw_recon_ros.unseen import MARGIN, blackened, continued, mark_unseen, unseen, with_margin
+from uw_recon_ros.unseen_pixels import MARGIN, blackened, continued, mark_unseen, unseen, with_margin
 
 SHAPES = st.tuples(st.integers(1, 24), st.integers(1, 24))
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from uw_recon_ros.calibration.stereo_pose import Lens, Parts, Rectified
 from uw_recon_ros.errors import CalibrationError
 from uw_recon_ros.files.calibrations.document import Document
-from uw_recon_ros.files.calibrations.found import (
+from uw_recon_ros.files.calibrations.fields import (
     Size,
     as_numbers,
     intrinsics,

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from uw_recon_ros.simulate import SimulateParams
-from uw_recon_ros.simulate.cast import FAR_M, cast, is_blocked, nearest_hit
+from uw_recon_ros.simulate.ray_casting import FAR_M, cast, is_blocked, nearest_hit
 from uw_recon_ros.simulate.scene import BLOCK, Scene, make_scene
 from uw_recon_ros.simulate.seabed import seabed_height, seabed_slopes
 from uw_recon_ros.simulate.solids import amphora_distance, hit_amphora, hit_box, hit_cylinder, hit_sphere

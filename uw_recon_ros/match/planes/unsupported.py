@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_recon_ros.connected_pieces import label_pieces
 from uw_recon_ros.match.planes.open_water import OpenWater
-from uw_recon_ros.pieces import label_pieces
 from uw_recon_ros.types import FloatImage, Mask
 
 JUMP_PX = 1.0  #: a larger step ends a piece

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from uw_recon_ros.match.planes.open_water import OpenWater
-from uw_recon_ros.match.planes.unfounded import unfounded
+from uw_recon_ros.match.planes.unsupported import unfounded
 from uw_recon_ros.types import FloatImage, Mask
 
 SHAPE = 120, 160

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from test_planes_matcher import Image, pair_of
 
-from uw_recon_ros.match.planes.light import brightened, brightness_between
+from uw_recon_ros.match.planes.brightness import brightened, brightness_between
 from uw_recon_ros.match.planes.matcher import graph_cut
 from uw_recon_ros.match.planes.semiglobal import Start
 

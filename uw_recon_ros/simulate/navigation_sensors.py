@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from uw_recon_ros.bags.messages import MAKE
 from uw_recon_ros.messages.headers import header
-from uw_recon_ros.simulate.course import Course
 from uw_recon_ros.simulate.rig import LEFT_FRAME
+from uw_recon_ros.simulate.tracks import Course
 from uw_recon_ros.types import Matrix
 
 GRAVITY = 9.80665  # m/s2

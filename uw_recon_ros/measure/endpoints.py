@@ -16,7 +16,7 @@ import numpy as np
 
 from uw_recon_ros.errors import EstimationError
 from uw_recon_ros.findings import Code
-from uw_recon_ros.measure.draws import below
+from uw_recon_ros.measure.random_draws import below
 from uw_recon_ros.trajectory import DisparityFrame
 from uw_recon_ros.types import Matrix
 

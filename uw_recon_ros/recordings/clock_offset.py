@@ -3,7 +3,7 @@
 The cameras of a rig are fixed to each other, so their images move alike. The motion of each video from frame to frame
 (phase correlation) and its change of brightness (lamp, flash) are signals of time; pieces of the left video's are
 looked for in the right one's, and the lags of those that agree are fitted by an offset and a drift. Which of several
-offsets it is, and its last hundredths of a second, the rows tell (`clock_rows`). Where both videos have sound, it is
+offsets it is, and its last hundredths of a second, the rows tell (`row_lag`). Where both videos have sound, it is
 asked too (`clock_sound`): it agrees, contradicts, does not tell, or stands in where the images do not.
 """
 
@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.errors import BagError, ImageError
 from uw_recon_ros.findings import Code
-from uw_recon_ros.recordings.clock_rows import RowLag, find_row_lag, refine_row_lag
 from uw_recon_ros.recordings.clock_sound import SoundLag, find_sound_lag, has_sound
+from uw_recon_ros.recordings.row_lag import RowLag, find_row_lag, refine_row_lag
 from uw_recon_ros.recordings.video import Video
 from uw_recon_ros.types import Matrix
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from uw_recon_ros.calibration.stereo_pose import Lens, Parts
 from uw_recon_ros.errors import CalibrationError
 from uw_recon_ros.files.calibrations.document import Document
-from uw_recon_ros.files.calibrations.found import as_numbers
+from uw_recon_ros.files.calibrations.fields import as_numbers
 from uw_recon_ros.findings import Code
 from uw_recon_ros.types import CalibrationOrigin, FlatPorts, StereoCalibration
 

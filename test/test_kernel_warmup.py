@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from uw_recon_ros import jit, pair, warm
+from uw_recon_ros import jit, kernel_warmup, pair
 from uw_recon_ros.cli import main
 from uw_recon_ros.files.images import write_image
 
@@ -15,22 +15,22 @@ from uw_recon_ros.files.images import write_image
 def test_empty_cache_is_announced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     said: list[str] = []
     monkeypatch.setattr(jit, "CACHE_DIRECTORY", tmp_path)
-    monkeypatch.setattr(warm, "CACHE_DIRECTORY", tmp_path)
-    warm.tell_if_cold(said.append)
+    monkeypatch.setattr(kernel_warmup, "CACHE_DIRECTORY", tmp_path)
+    kernel_warmup.tell_if_cold(said.append)
     assert said == [f"first start: compiling kernels, about a minute; kept in {tmp_path}"]
     monkeypatch.setattr(jit, "CACHE_DIRECTORY", None)
-    monkeypatch.setattr(warm, "CACHE_DIRECTORY", None)
-    warm.tell_if_cold(said.append)
+    monkeypatch.setattr(kernel_warmup, "CACHE_DIRECTORY", None)
+    kernel_warmup.tell_if_cold(said.append)
     assert said[1].endswith("every time: no directory can be written")
 
 
 def test_a_method_that_is_not_asked_for_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(warm, "is_cold", lambda folder: folder.name == "kz2")
+    monkeypatch.setattr(kernel_warmup, "is_cold", lambda folder: folder.name == "kz2")
     said: list[str] = []
-    warm.tell_if_cold(said.append, ["graph_cut"])
+    kernel_warmup.tell_if_cold(said.append, ["graph_cut"])
     assert not said
-    warm.tell_if_cold(said.append, ["kz2"])
-    warm.tell_if_cold(said.append)
+    kernel_warmup.tell_if_cold(said.append, ["kz2"])
+    kernel_warmup.tell_if_cold(said.append)
     assert len(said) == 2
 
 

@@ -9,19 +9,22 @@ import time
 
 import pytest
 
-from uw_recon_ros import signals
+from uw_recon_ros import stop_signals
 
-NOTED = "import time; from uw_recon_ros import signals; signals.note(); print('ready', flush=True); "
+NOTED = "import time; from uw_recon_ros import stop_signals; stop_signals.note(); print('ready', flush=True); "
 
 
 def test_two_seconds_are_promised() -> None:
-    assert signals.PATIENCE_S < 2.0
+    assert stop_signals.PATIENCE_S < 2.0
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize(
     ("busy", "said"),
-    [("\nwhile not signals.came(): time.sleep(0.01)\nprint('in order')", "in order\n"), ("\nwhile True: pass", "")],
+    [
+        ("\nwhile not stop_signals.came(): time.sleep(0.01)\nprint('in order')", "in order\n"),
+        ("\nwhile True: pass", ""),
+    ],
     ids=["looks", "never looks"],
 )
 def test_a_noted_signal(number: int, busy: str, said: str) -> None:
@@ -38,17 +41,17 @@ def test_a_noted_signal(number: int, busy: str, said: str) -> None:
     assert process.stdout.read() == said
     process.stdout.close()
     if not said:
-        assert time.monotonic() - began >= 0.9 * signals.PATIENCE_S
+        assert time.monotonic() - began >= 0.9 * stop_signals.PATIENCE_S
 
 
 FINISHES = """
 import threading, time
-from uw_recon_ros import signals
-signals.PATIENCE_S = 0.2
-signals.finish_first()
-signals.note()
+from uw_recon_ros import stop_signals
+stop_signals.PATIENCE_S = 0.2
+stop_signals.finish_first()
+stop_signals.note()
 print('ready', flush=True)
-while not signals.came(): time.sleep(0.01)
+while not stop_signals.came(): time.sleep(0.01)
 print('finishing', flush=True)
 time.sleep(1.0 if {soon} else 1000.0)
 print('finished', flush=True)

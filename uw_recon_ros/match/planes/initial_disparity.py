@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 
 from uw_recon_ros.match.planes import semiglobal
+from uw_recon_ros.match.planes.brightness import SHRINK, brightened, brightness_between
 from uw_recon_ros.match.planes.gray import Gray, gray_pair
 from uw_recon_ros.match.planes.left_right_check import left_right_check
-from uw_recon_ros.match.planes.light import SHRINK, brightened, brightness_between
-from uw_recon_ros.match.planes.threads import row_bands, run_parallel
+from uw_recon_ros.match.planes.thread_pool import row_bands, run_parallel
 from uw_recon_ros.types import ByteImage, FloatImage, Mask
 
 VOXEL_BYTES, MOST_BYTES = 3, 0.6e9  #: of the start's cost volume, and what it may take before images are made smaller

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.jit import kernel
 from uw_recon_ros.match.planes.gray import SMOOTHING, Gray, mix
-from uw_recon_ros.match.planes.threads import row_bands, run_parallel
+from uw_recon_ros.match.planes.thread_pool import row_bands, run_parallel
 from uw_recon_ros.types import ByteImage, FloatImage, Mask
 
 WINDOW = 9  #: side of the window, px

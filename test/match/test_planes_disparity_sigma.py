@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from uw_recon_ros.match.planes.certainty import MOST, plain_gray, sigma_of, with_disagreement
+from uw_recon_ros.match.planes.disparity_sigma import MOST, plain_gray, sigma_of, with_disagreement
 from uw_recon_ros.match.planes.matcher import graph_cut
 
 H, W = 120, 200
