@@ -6,6 +6,7 @@ import json
 import os
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -303,3 +304,26 @@ def test_identical_and_exchanged_images_are_noticed(
     assert capsys.readouterr().err.count("the same twice") == 2
     assert main(["disparity", right, left, *output]) == 1
     assert "left and right images are swapped" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "told"),
+    [
+        (lambda f: f.left, lambda f: f.right, None),
+        (lambda f: f.left, lambda f: f.left, "the same twice"),
+        (lambda f: f.right, lambda f: f.left, "swapped"),
+        (lambda f: f.left, lambda f: f.right[::-1, ::-1], "upside down"),
+    ],
+    ids=["right", "one camera", "exchanged", "upside down"],
+)
+def test_info_looks_at_a_pair(
+    tmp_path: Path, dive: Dive, frame: SimulatedFrame, capsys: pytest.CaptureFixture[str], left: Any, right: Any,
+    told: str | None,
+) -> None:  # fmt: skip
+    for side, image in (("left", left(frame)), ("right", right(frame))):
+        (tmp_path / "dive" / side).mkdir(parents=True)
+        for number in range(2):
+            write_image(tmp_path / "dive" / side / f"{number}.png", image)
+    write_calibration(dive.calibration, tmp_path / "rig.yaml")
+    assert main(["info", str(tmp_path / "dive"), "--calibration", str(tmp_path / "rig.yaml")]) == (1 if told else 0)
+    assert (told or "can be reconstructed") in capsys.readouterr().out

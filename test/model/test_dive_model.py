@@ -118,6 +118,8 @@ def test_the_pages_show_the_model_first(dive: Path, made: Path) -> None:
     assert order[:3] == sorted(order[:3])
     assert all(words in page for words in (">Sigma<", ">Views<", ">Track<", ">Orthomosaic<", ">Height<"))
     assert f"{FRAMES} of {FRAMES}" in page
+    assert "North is up" not in page, "nothing told which way north is"
+    assert "not known to be north" in page
     assert html.unescape(report.split('srcdoc="')[1].split('"')[0]) == page
     assert report.index("<iframe") < report.index("frames reconstructed")
 
@@ -173,6 +175,7 @@ def test_poses_in_a_projected_system_put_the_maps_there(dive: Path, survey: Path
     way = read_tum(survey / "model" / "trajectory.txt")
     np.testing.assert_allclose(way.positions, true.positions + start, atol=0.03)
     assert Code.TRACK_GRAVITY_UNKNOWN.value not in [w["code"] for w in summary["warnings"]]
+    assert "North is up" in (survey / "model" / "report.html").read_text()
 
 
 def test_without_a_scale_all_is_in_baselines_and_says_so(survey: Path, dive: Path) -> None:

@@ -54,10 +54,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_calibration(parser)
 
 
-def _same_way_up(
+def _seen_in_a_pair(
     info: RecordingInfo, options: Options, given: StereoCalibration | None, images_rectified: str
 ) -> RecordingInfo:
-    """The verdict, with what one pair out of the middle says of a camera upside down."""
+    """The verdict, with what one pair out of the middle says: a camera upside down, cameras exchanged, or the same."""
     from dataclasses import replace
     from pathlib import Path
 
@@ -78,7 +78,7 @@ def _same_way_up(
         shown = EnhancedPair(left, right, left, right, pair.stamp_ns, pair.frame_id, pair.calibration)
         RigTracker(RectifyParams(images_rectified=images_rectified)).update(shown)
     except ReconError as error:
-        if error.code == Code.RECTIFY_UPSIDE_DOWN:
+        if error.code in (Code.RECTIFY_UPSIDE_DOWN, Code.RECTIFY_EXCHANGED, Code.IMAGE_IDENTICAL):
             return replace(info, reasons=(*info.reasons, str(error)))
     return info
 
@@ -105,7 +105,7 @@ def run(args: argparse.Namespace) -> int:
     size = partial(first_size, find_sources(args.inputs), options)
     given = read_calibration(args.calibration, size) if args.calibration else None
     found = inspect_recording(args.inputs, options, given, args.images_rectified)
-    found = [_same_way_up(info, options, given, args.images_rectified) for info in found]
+    found = [_seen_in_a_pair(info, options, given, args.images_rectified) for info in found]
     fine = all(info.reconstructable for info in found)
     if args.json:
         each = [info.as_dict() for info in found]

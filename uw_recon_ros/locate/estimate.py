@@ -288,7 +288,8 @@ def _prior_findings(
     """What poses from outside do not tell, and those that the pictures contradict."""
     if not upright:
         text = "gravity is unknown: no attitude from outside; the bottom's plane is laid level"
-        yield Finding(Code.TRACK_GRAVITY_UNKNOWN, text)
+        advice = "give the dive's recording (--bag: attitude, pressure, fixes) or --poses, where there are any"
+        yield Finding(Code.TRACK_GRAVITY_UNKNOWN, text, advice=advice)
     for prior, squares in zip(priors, missed, strict=True):
         if prior.absolute and not len(squares):
             spans = f"expected stamps {_span(stamps_ns)} as the frames', got {_span(prior.stamps_ns)}"

@@ -59,7 +59,7 @@ def write_model_page(path: Path, way: Trajectory, parts: Sequence[SegmentPart], 
         The file cannot be written.
     """
     shown = [part for part in parts if part.composed is not None][:_MOST_SHOWN]
-    sections = [section for part in shown for section in _sections(part, way, alone=len(parts) == 1)]
+    sections = [section for part in shown for section in _sections(part, way, _up(made), alone=len(parts) == 1)]
     sections += [_wrong(made), _frames(way, made), _segments(parts, unit_of(way))]
     write_page(path, "Model of the dive", _summary(way, parts, made), sections)
 
@@ -112,7 +112,7 @@ def tracks_of(way: Trajectory, segment: int) -> Iterator[Track]:
         yield Track(own.positions[np.unique(which)], color, words)
 
 
-def _sections(part: SegmentPart, way: Trajectory, *, alone: bool) -> Iterator[Section]:
+def _sections(part: SegmentPart, way: Trajectory, up: str, *, alone: bool) -> Iterator[Section]:
     composed = part.composed
     if composed is None:
         return
@@ -127,7 +127,12 @@ def _sections(part: SegmentPart, way: Trajectory, *, alone: bool) -> Iterator[Se
         "frames saw it."
     )
     yield Section(f"Surface{name}", text, surface=shown.surface, overlay=overlay)
-    yield Section(f"Map{name}", "", map=map_of(composed.overview, unit))
+    yield Section(f"Map{name}", "", map=map_of(composed.overview, unit, up))
+
+
+def _up(made: dict[str, Any]) -> str:
+    """What lies upwards on a map: north in a projected system alone."""
+    return "North is up" if made["crs"].startswith("EPSG:") else "Up is the model's y axis, not known to be north"
 
 
 def _layer(name: str, found: NDArray[Any], unit: str, colors: str, label: str) -> Layer:
@@ -135,14 +140,14 @@ def _layer(name: str, found: NDArray[Any], unit: str, colors: str, label: str) -
     return Layer(name, values, ColorBar(0.0, max(robust_limits(values, 0.02)[1], 1e-9), unit, colors, label))
 
 
-def map_of(overview: Overview, unit: str) -> Map:
+def map_of(overview: Overview, unit: str, up: str) -> Map:
     """Orthomosaic and heights, to measure on."""
     known = np.where(np.isfinite(overview.heights), 255, 0).astype(np.uint8)
     bar = ColorBar(*robust_limits(overview.heights, 0.02), unit, "viridis", "height")
     relief = colorize(overview.heights, bar) * _light(overview.heights, overview.pixel)[..., None]
     heights: ByteImage = np.dstack([np.clip(relief, 0, 255).astype(np.uint8), known])
     layers = [MapLayer("Orthomosaic", overview.color), MapLayer("Height", heights, bar)]
-    return Map(layers, overview.pixel, overview.west, overview.north, unit)
+    return Map(layers, overview.pixel, overview.west, overview.north, unit, up)
 
 
 def _light(heights: FloatImage, pixel: float) -> FloatImage:

@@ -142,6 +142,8 @@ class Map:
     west, north : float
         Outer corner of the top-left pixel, in `unit`.
     unit : str
+    up : str
+        A sentence's beginning: what lies upwards on it.
     """
 
     layers: Sequence[MapLayer]
@@ -149,6 +151,7 @@ class Map:
     west: float
     north: float
     unit: str
+    up: str = "North is up"
 
 
 @dataclass(frozen=True, eq=False)
