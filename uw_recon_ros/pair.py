@@ -185,6 +185,7 @@ def reconstruct_files(
     """
     output = Path(output)
     pair = read_pair(left, right, calibration)
+    pipeline = Pipeline(params)  # refuses parameters before there is a folder
     claim_folder(output, overwrite)
     tell_if_cold(say, [params.match.method])
     stages: list[str] = []
@@ -193,7 +194,7 @@ def reconstruct_files(
         stages.append(stage)
         say(f"{stage} ...")
 
-    result = Pipeline(params).begin(pair, announce)
+    result = pipeline.begin(pair, announce)
     try:
         _ = result.cloud
         _expect_surface(result, left, right)

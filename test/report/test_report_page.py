@@ -47,7 +47,8 @@ class Reader(HTMLParser):
         assert self.open.pop() == tag
 
     def handle_data(self, data):
-        (self.scripts if self.open and self.open[-1] == "script" else self.texts).append(data)
+        words = data.replace("\xa0", " ")
+        (self.scripts if self.open and self.open[-1] == "script" else self.texts).append(words)
 
 
 def read(html):
