@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import sys
 
 import numpy as np
@@ -187,3 +188,10 @@ def test_without_pyav_the_way_out_is_told(monkeypatch: pytest.MonkeyPatch) -> No
     with pytest.raises(BagError, match=r"pip install 'uw_recon_ros\[video\]'") as error:
         decoder("h264")
     assert error.value.code == Code.RECORDING_EXTRA
+
+
+def test_making_packets_leaves_the_scheduler_alone() -> None:
+    """An encoder had made all that later tests started real-time processes: a machine that stood still."""
+    before = os.sched_getscheduler(0)
+    packets([np.full((64, 64, 3), 90, np.uint8)], "av1")
+    assert os.sched_getscheduler(0) == before

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from fractions import Fraction
 from pathlib import Path
@@ -62,10 +63,13 @@ def packets(images: Iterable[Image], codec: str, every: int = 4, **options: str)
         "vp9": {"deadline": "realtime", "lag-in-frames": "0", "auto-alt-ref": "0", "b": "0"},
         "av1": {"preset": "12", "svtav1-params": "pred-struct=1:lookahead=0"},
     }[codec] | {"crf": "14", "g": str(every)} | options  # fmt: skip
-    found = []
-    for image in images:
-        found += encoder.encode(av.VideoFrame.from_ndarray(image, format="rgb24"))
-    return [bytes(packet) for packet in found + encoder.encode(None)]
+    found, policy, priority = [], os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        for image in images:
+            found += encoder.encode(av.VideoFrame.from_ndarray(image, format="rgb24"))
+        return [bytes(packet) for packet in found + encoder.encode(None)]
+    finally:  # SVT-AV1 run by root makes its caller a real-time thread, and so all that is started later
+        os.sched_setscheduler(0, policy, priority)
 
 
 def texture(seed: int, shape: tuple[int, int] = (180, 240), grain: float = 1.5) -> Image:
