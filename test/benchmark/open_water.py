@@ -146,7 +146,7 @@ def main() -> int:
     parser.add_argument("--underwater", type=Path, default=UNDERWATER, help="folder of the real pairs")
     args = parser.parse_args()
     if args.without:
-        matcher.open_water = lambda left, *_: OpenWater(*np.zeros((2, *left.shape[:2]), np.bool_))
+        matcher.open_water = lambda texture, *_: OpenWater(*np.zeros((2, *texture.left.shape[:2]), np.bool_))
         matcher.unfounded = lambda disparity, *_: np.zeros(disparity.shape, np.bool_)
     sys.stdout.write(f"| {' | '.join(COLUMNS)} |\n" + "|" + " --- |" * len(COLUMNS) + "\n")
     for view in views(args.waters, args.underwater):
