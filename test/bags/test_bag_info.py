@@ -116,7 +116,8 @@ def test_no_images_at_all(tmp_path: Path) -> None:
 def test_stamps_that_never_meet(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     recorded = [RawMessage("/left/image_raw", IMAGE, 100 * i * MS, image_bytes(i, 100 * i * MS)) for i in range(5)]
     recorded += [
-        RawMessage("/right/image_raw", IMAGE, (100 * i + 7) * MS, image_bytes(i, (100 * i + 7) * MS)) for i in range(5)
+        RawMessage("/right/image_raw", IMAGE, (100 * i + 7) * MS, image_bytes(i + 9, (100 * i + 7) * MS))
+        for i in range(5)
     ]
     path = write_mcap(tmp_path / "a.mcap", recorded)
     info = bag_info(path)

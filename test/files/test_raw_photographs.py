@@ -113,9 +113,9 @@ def test_without_the_extra_the_way_out_is_told(
 ) -> None:
     monkeypatch.setitem(sys.modules, module, None)
     rig(tmp_path, suffix)
-    with pytest.raises(ImageError, match=r"pip install 'uw_recon_ros\[raw\]'"):
+    with pytest.raises(ImageError, match=r"pip install '\.\[raw\]'"):
         read_image(tmp_path / "left" / f"0{suffix}")
-    with pytest.raises(BagError, match=r"pip install 'uw_recon_ros\[raw\]', or develop it") as error:
+    with pytest.raises(BagError, match=r"pip install '\.\[raw\]' in the sources' folder, or develop it") as error:
         Recording(tmp_path)
     assert error.value.code == Code.RECORDING_EXTRA
     for words in (

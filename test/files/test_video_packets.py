@@ -185,7 +185,7 @@ def test_h264_without_start_codes_is_named() -> None:
 
 def test_without_pyav_the_way_out_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "av", None)
-    with pytest.raises(BagError, match=r"pip install 'uw_recon_ros\[video\]'") as error:
+    with pytest.raises(BagError, match=r"pip install '\.\[video\]'") as error:
         decoder("h264")
     assert error.value.code == Code.RECORDING_EXTRA
 

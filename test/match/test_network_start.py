@@ -188,7 +188,7 @@ def test_without_the_extra_a_line_says_how_to_get_it(tmp_path: Path, monkeypatch
         return real(name, *args, **kwargs)
 
     monkeypatch.setattr(builtins, "__import__", missing)
-    with pytest.raises(EstimationError, match=r"pip install 'uw_recon_ros\[network\]'"):
+    with pytest.raises(EstimationError, match=r"pip install '\.\[network\]'"):
         start(write_network(tmp_path / "net.onnx"))
 
 

@@ -115,7 +115,8 @@ def find_stereo_topics(topics: Sequence[TopicInfo], left: str | None = None, rig
             for other in rights
             if _image_base(other).lower() == name and other.name != one.name
         ]
-        found = found or _but_for_numbers([*lefts, *rights])
+        raw = [t for t in rights if right or not _DERIVED.search(t.name)]
+        found = found or _but_for_numbers([*lefts, *raw])
     if not found:
         raise BagError(
             f"no stereo pair: expected images of a left and a right camera, got {_list_images(topics)}: name both, "
