@@ -80,7 +80,7 @@ def texture(seed: int, shape: tuple[int, int] = (180, 240), grain: float = 1.5) 
 def views(number: int, disparity: int = 9, shape: tuple[int, int] = (180, 240)) -> tuple[Image, Image]:
     """Left and right view of a flat texture, another for each number."""
     wide = texture(number, (shape[0], shape[1] + disparity))
-    return wide[:, disparity:].copy(), wide[:, : shape[1]].copy()
+    return wide[:, : shape[1]].copy(), wide[:, disparity:].copy()
 
 
 def way(t: float, seed: int = 1) -> tuple[float, float]:

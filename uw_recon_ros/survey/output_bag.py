@@ -32,6 +32,8 @@ Make = Callable[[], tuple[str, bytes]]
 def frame_messages(products: Products, log_ns: int, chosen: frozenset[str] = frozenset()) -> Iterator[RawMessage]:
     """Yield the nodes' messages of one frame, in the order in which the nodes publish them.
 
+    All but ``disparity/effort``: a survey spends on each frame what its report says.
+
     Parameters
     ----------
     products : Products
