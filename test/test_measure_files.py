@@ -111,6 +111,15 @@ def test_the_report_of_another_rig_is_refused(kept: Path, capsys: pytest.Capture
     assert "0.07 m" in capsys.readouterr().err
 
 
+def test_a_report_without_the_squares_size_says_so(kept: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As `calibrate` writes it: neither a baseline nor depth errors in metres."""
+    path = kept / "calibration.json"
+    path.write_text(json.dumps({"baseline_m": None, "depth_errors": []}))
+    words = ["measure", str(kept / "a.frame"), "length", "40,120", "280,120", "--calibration-report", str(path)]
+    assert main(words) == 1
+    assert "was --square-mm given?" in capsys.readouterr().err
+
+
 def test_a_known_length_that_the_calibration_contradicts(kept: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The wall's 0.2 m told as 0.2 m and as one: the second cannot be, or the calibration is wrong."""
     words = ["measure", str(kept / "a.frame"), "length", "40,60", "280,60", "--known-length"]

@@ -152,25 +152,23 @@ def calibration_error(path: str | Path, opened: Opened) -> CalibrationError:
     ReconError
         It is none, or made without the size of the squares, or of another rig.
     """
-    _expect_same_rig(path, opened.frame.geometry)
     try:
-        table = json.loads(Path(path).read_text())["depth_errors"]
-        rows = [(e["range_m"], e["mean_percent"] / 100) for e in table if e["mean_percent"] is not None]
-    except (ValueError, KeyError, TypeError) as error:
+        report = json.loads(Path(path).read_text())
+        rows = [
+            (e["range_m"], e["mean_percent"] / 100) for e in report["depth_errors"] if e["mean_percent"] is not None
+        ]
+        baseline_m = float(report["baseline_m"]) if rows else 0.0  # without the size of the squares there is neither
+    except (OSError, ValueError, KeyError, TypeError) as error:
         text = f"{path}: expected a calibration.json of `uw_recon calibrate`, got {error!r}"
         raise ReconError(text, Code.MEASURE_INPUT) from error
     found = error_between(rows)
     if found is None:
         raise ReconError(f"{path}: expected depth errors, got none: was --square-mm given?", Code.MEASURE_INPUT)
+    _expect_same_rig(path, baseline_m, opened.frame.geometry)
     return found
 
 
-def _expect_same_rig(path: str | Path, geometry: StereoGeometry) -> None:
-    try:
-        baseline_m = float(json.loads(Path(path).read_text())["baseline_m"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        text = f"{path}: expected a calibration.json of `uw_recon calibrate`, got {error!r}"
-        raise ReconError(text, Code.MEASURE_INPUT) from error
+def _expect_same_rig(path: str | Path, baseline_m: float, geometry: StereoGeometry) -> None:
     own_m = abs(geometry.baseline_m or 0.0)
     if own_m and abs(baseline_m - own_m) > _SAME_BASELINE * baseline_m:
         raise ReconError(

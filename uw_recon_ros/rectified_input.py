@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uw_recon_ros.errors import ImageError
 from uw_recon_ros.findings import Finding
@@ -34,8 +36,7 @@ def stereo_pair(
         raise ImageError(f"{name}: expected plain arrays, got masked ones: what is 0 is not matched")
     images = np.asarray(left), np.asarray(right)
     for image in images:
-        sort = image.dtype in (np.uint8, np.uint16)
-        if not sort or image.shape[2:] not in ((), (3,)) or image.ndim < 2 or not image.size:
+        if not _is_image(image):
             raise ImageError(f"{name}: expected (H, W) or (H, W, 3) uint8 or uint16, got {image.shape} {image.dtype}")
     try:
         first, second, findings = as_pair(*images)
@@ -43,6 +44,11 @@ def stereo_pair(
         raise ImageError(f"{name}: {error}", error.code) from error
     frame = (calibration.left.frame_id if calibration else "") or "left_optical_frame"
     return StereoPair(first, second, frame_id=frame, calibration=calibration, findings=findings)
+
+
+def _is_image(image: NDArray[Any]) -> bool:
+    known = image.dtype in (np.uint8, np.uint16) and image.ndim >= 2 and image.shape[2:] in ((), (3,))
+    return known and image.size > 0
 
 
 def ready_to_match(pair: StereoPair, min_disparity: int = 0) -> tuple[MatchingPair, tuple[Finding, ...]]:
