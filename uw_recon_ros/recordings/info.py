@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from uw_recon_ros.bags import messages
+from uw_recon_ros.bags.first_image import image_of
 from uw_recon_ros.bags.model import RawMessage, plain
 from uw_recon_ros.bags.reader import BagReader
 from uw_recon_ros.bags.stereo import CameraInfoCache, StereoTopics
-from uw_recon_ros.bags.video_packets import image_of
 from uw_recon_ros.errors import BagError, ReconError
 from uw_recon_ros.files.images import image_size
 from uw_recon_ros.files.video_packets import is_video
