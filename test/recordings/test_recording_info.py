@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -11,11 +12,12 @@ import pytest
 from helpers.bag_makers import camera
 from helpers.videos import texture, views, write_video
 
-from uw_recon_ros.bags import BagWriter, messages
+from uw_recon_ros.bags import BagReader, BagWriter, RawMessage, messages
 from uw_recon_ros.cli import main
 from uw_recon_ros.errors import BagError, ImageError
 from uw_recon_ros.files.calibrations.write import write_calibration
 from uw_recon_ros.files.images import read_image, write_image
+from uw_recon_ros.recordings import clock_offset
 from uw_recon_ros.recordings.info import inspect_recording
 from uw_recon_ros.recordings.options import Options
 from uw_recon_ros.recordings.recording import Recording
@@ -195,3 +197,53 @@ def test_damaged_pixels_of_a_tiff_are_refused(tmp_path: Path, compression: int, 
     (tmp_path / "a.tif").write_bytes(content)
     with pytest.raises(ImageError, match="damaged"):
         read_image(tmp_path / "a.tif")
+
+
+# ---- a look at one pair ----------------------------------------------------------------------------------------------
+
+
+def scenes(*sides: int) -> list[list[np.ndarray]]:
+    """Frames of cameras that look at one slanted scene; the second side is right of the first."""
+    scene = [views(n, shape=(180, 240)) for n in range(6)]
+    return [[pair[side] for pair in scene] for side in sides]
+
+
+@pytest.mark.parametrize("kind", ["videos", "bags", "bag", "stills"])
+def test_exchanged_cameras_are_named_and_nothing_is_read_twice(
+    tmp_path: Path, kind: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    paths = [tmp_path / "dive"]
+    frames = scenes(1, 0)
+    if kind == "videos":
+        paths = [tmp_path / "left.mp4", tmp_path / "right.mp4"]
+        for path, images in zip(paths, frames, strict=True):
+            write_video(path, images)
+    elif kind == "bags":
+        paths = [half(tmp_path / name, 1 - side, "/camera/image_raw") for side, name in enumerate(("left", "right"))]
+    elif kind == "stills":
+        for name, images in zip(("left", "right"), frames, strict=True):
+            (paths[0] / name).mkdir(parents=True)
+            for n, image in enumerate(images):
+                write_image(paths[0] / name / f"{n}.png", image)
+    else:
+        with BagWriter(paths[0]) as bag:
+            for n in range(6):
+                for side, name in enumerate(("left", "right")):
+                    bag.image(f"/{name}/image_raw", frames[side][n], time_ns=10**9 + n * 100 * MS, frame_id="cam")
+    passed: list[str] = []
+    whole = BagReader.raw_messages
+
+    def counted(self: BagReader, *arguments: object) -> Iterator[RawMessage]:
+        for raw in whole(self, *arguments):  # type: ignore[arg-type]
+            passed.append(raw.topic)
+            yield raw
+
+    clocks: list[int] = []
+    found_clock = clock_offset.find_clock
+    monkeypatch.setattr(BagReader, "raw_messages", counted)
+    monkeypatch.setattr("uw_recon_ros.recordings.views.find_clock", lambda *a: clocks.append(1) or found_clock(*a))
+    assert main(["info", *map(str, paths)]) == 1
+    assert "exchange" in capsys.readouterr().out
+    assert len(clocks) == (kind == "videos")
+    if kind.startswith("bag"):
+        assert 12 < len(passed) <= 12 + 6 + 2  # all, three of either for a first look, and one pair

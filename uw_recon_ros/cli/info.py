@@ -11,9 +11,7 @@ from uw_recon_ros.cli.common import FAILED, OK, UsageError, add_calibration
 from uw_recon_ros.pairing import PAIR_TOLERANCE_MS
 
 if TYPE_CHECKING:
-    from uw_recon_ros.recordings.contents import RecordingInfo
-    from uw_recon_ros.recordings.options import Options
-    from uw_recon_ros.types import StereoCalibration
+    from uw_recon_ros.types import StereoPair
 
 HELP = "check whether a recording can be reconstructed"
 DESCRIPTION = (
@@ -54,33 +52,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_calibration(parser)
 
 
-def _seen_in_a_pair(
-    info: RecordingInfo, options: Options, given: StereoCalibration | None, images_rectified: str
-) -> RecordingInfo:
-    """The verdict, with what one pair out of the middle says: a camera upside down, cameras exchanged, or the same."""
-    from dataclasses import replace
-    from pathlib import Path
-
+def _judge_pair(pair: StereoPair, images_rectified: str) -> str:
+    """Whether a camera is upside down, the cameras are exchanged, or the same."""
     from uw_recon_ros.errors import ReconError
     from uw_recon_ros.findings import Code
     from uw_recon_ros.images import as_gray
-    from uw_recon_ros.recordings.recording import Recording
     from uw_recon_ros.rectify.params import RectifyParams
     from uw_recon_ros.rectify.tracker import RigTracker
     from uw_recon_ros.types import EnhancedPair
 
-    if not info.reconstructable or not Path(info.path).exists():  # two videos, two bags: their survey tells
-        return info
+    left, right = as_gray(pair.left), as_gray(pair.right)
+    shown = EnhancedPair(left, right, left, right, pair.stamp_ns, pair.frame_id, pair.calibration)
     try:
-        with Recording(info.path, options, given, images_rectified) as recording:
-            pair = recording[len(recording) // 2]
-        left, right = as_gray(pair.left), as_gray(pair.right)
-        shown = EnhancedPair(left, right, left, right, pair.stamp_ns, pair.frame_id, pair.calibration)
         RigTracker(RectifyParams(images_rectified=images_rectified)).update(shown)
     except ReconError as error:
         if error.code in (Code.RECTIFY_UPSIDE_DOWN, Code.RECTIFY_EXCHANGED, Code.IMAGE_IDENTICAL):
-            return replace(info, reasons=(*info.reasons, str(error)))
-    return info
+            return str(error)
+    return ""
 
 
 def run(args: argparse.Namespace) -> int:
@@ -104,8 +92,8 @@ def run(args: argparse.Namespace) -> int:
     )
     size = partial(first_size, find_sources(args.inputs), options)
     given = read_calibration(args.calibration, size) if args.calibration else None
-    found = inspect_recording(args.inputs, options, given, args.images_rectified)
-    found = [_seen_in_a_pair(info, options, given, args.images_rectified) for info in found]
+    judge_pair = partial(_judge_pair, images_rectified=args.images_rectified)
+    found = inspect_recording(args.inputs, options, given, args.images_rectified, judge_pair)
     fine = all(info.reconstructable for info in found)
     if args.json:
         each = [info.as_dict() for info in found]

@@ -28,8 +28,10 @@ from uw_recon_ros.recordings.read import Reader
 from uw_recon_ros.recordings.sources import Source, find_sources, open_source
 from uw_recon_ros.recordings.verdict import judge, judge_infos, judge_rig
 from uw_recon_ros.recordings.video import Video
-from uw_recon_ros.types import RawImage, StereoCalibration
+from uw_recon_ros.types import RawImage, StereoCalibration, StereoPair
 
+#: Why a pair cannot be of a rig; empty where nothing speaks against it.
+PairJudge = Callable[[StereoPair], str]
 _PROBED = 5  # frames of a video that are decoded
 
 
@@ -38,8 +40,9 @@ def inspect_recording(
     options: Options = Options(),  # noqa: B008 (frozen)
     calibration: StereoCalibration | None = None,
     images_rectified: str = "auto",
+    judge_pair: PairJudge | None = None,
 ) -> list[RecordingInfo]:
-    """Look at all of a recording and judge it. Of stills every file is read, but only the first one decoded.
+    """Look at all of a recording and judge it. Of stills every file is read, but few are decoded.
 
     Parameters
     ----------
@@ -50,6 +53,8 @@ def inspect_recording(
         Instead of what the recording says.
     images_rectified : {'auto', 'yes', 'no'}
         Whether the images come rectified already; auto: by the names of their topics.
+    judge_pair : callable, optional
+        What speaks against the pair it is given, one out of the middle; empty: nothing.
 
     Returns
     -------
@@ -66,7 +71,7 @@ def inspect_recording(
     found = []
     for source in sources:
         try:
-            found.append(look[source.kind](source, options, calibration, images_rectified))
+            found.append(look[source.kind](source, options, Rigs(calibration, images_rectified), judge_pair))
         except ReconError as error:  # of several, the others are told of
             if len(sources) == 1:
                 raise
@@ -100,13 +105,13 @@ def bag_info(
     """
     whole = Path(path).absolute()
     options = Options(left or "", right or "", tolerance_ns / 1e6)
-    return _of_bag(Source("bag", str(whole), whole.name), options, None, images_rectified)
+    return _of_bag(Source("bag", str(whole), whole.name), options, Rigs(None, images_rectified), None)
 
 
 # ---- bags ------------------------------------------------------------------------------------------------------------
 
 
-def _of_bag(source: Source, options: Options, given: StereoCalibration | None, images_rectified: str) -> RecordingInfo:
+def _of_bag(source: Source, options: Options, rigs: Rigs, judge_pair: PairJudge | None) -> RecordingInfo:
     with open_source(source) as bag:
         try:
             topics = bag.stereo_topics(options.left_topic or None, options.right_topic or None)
@@ -114,7 +119,22 @@ def _of_bag(source: Source, options: Options, given: StereoCalibration | None, i
             if options.left_topic or options.right_topic:
                 raise
             return _without_pairs(source, bag, str(error))
-        return _inspect_bag(source, bag, topics, options, Rigs(given, images_rectified))
+        found, frames = _inspect_bag(source, bag, topics, options, rigs)
+    with closing(Reader([source], rigs.calibrations)) as reader:
+        return _judged_by_a_pair(found, frames, reader, judge_pair)
+
+
+def _judged_by_a_pair(
+    found: RecordingInfo, frames: list[Frame], reader: Reader, judge_pair: PairJudge | None
+) -> RecordingInfo:
+    """The verdict, and what one pair out of the middle says of the cameras."""
+    if judge_pair is None or not found.reconstructable or not frames:
+        return found
+    try:
+        against = judge_pair(reader.read(frames[len(frames) // 2]))
+    except ReconError as error:  # an image that cannot be read is told of already
+        against = str(error) if error.code == Code.IMAGE_IDENTICAL else ""
+    return replace(found, reasons=(*found.reasons, against)) if against else found
 
 
 def _shown(source: Source) -> str:
@@ -128,7 +148,10 @@ def _without_pairs(source: Source, bag: BagReader, reason: str) -> RecordingInfo
     return RecordingInfo(_shown(source), bag.start_ns, bag.end_ns, tuple(bag.topics), damage=damage, reasons=(reason,))
 
 
-def _inspect_bag(source: Source, bag: BagReader, topics: StereoTopics, options: Options, rigs: Rigs) -> RecordingInfo:
+def _inspect_bag(
+    source: Source, bag: BagReader, topics: StereoTopics, options: Options, rigs: Rigs
+) -> tuple[RecordingInfo, list[Frame]]:
+    """Read it once, every message looked at and paired."""
     rectified = topics.rectified(rigs.images_rectified)
     sides = (
         CameraImages(topics.left, topics.left_info, rectified=rectified[0]),
@@ -140,13 +163,16 @@ def _inspect_bag(source: Source, bag: BagReader, topics: StereoTopics, options: 
         takers[side.topic] = _image_taker(side)
         if side.info_topic:
             takers[side.info_topic] = cache.update
-    for raw in bag.raw_messages(takers):
+
+    def look(raw: RawMessage) -> None:
         try:
             takers[raw.topic](raw)
         except BagError as error:
             bag.note(str(error))
-    walk = StampPairer(bag, topics, 0, round(options.pair_tolerance_ms * 1e6), rigs, options.offset_ns or 0)
-    numbers = _pair_numbers([frame.stamp_ns for frame in walk])
+
+    tolerance_ns = round(options.pair_tolerance_ms * 1e6)
+    frames = list(StampPairer(bag, topics, 0, tolerance_ns, rigs, options.offset_ns or 0, look))
+    numbers = _pair_numbers([frame.stamp_ns for frame in frames])
     size = sides[0].width, sides[0].height
     state, baseline, findings = judge_rig(rigs.given, size) if rigs.given else judge_infos(infos, size)
     found = RecordingInfo(
@@ -154,7 +180,7 @@ def _inspect_bag(source: Source, bag: BagReader, topics: StereoTopics, options: 
         stamp_offset_s=_nearest_offset(sides[0].stamps_ns, sides[1].stamps_ns), calibration=state,
         baseline_m=baseline, calibration_findings=findings, damage=tuple(bag.damage),
     )  # fmt: skip
-    return judge(found, changes=max(cache.changes for cache in infos))
+    return judge(found, changes=max(cache.changes for cache in infos)), frames
 
 
 def _image_taker(side: CameraImages) -> Callable[[RawMessage], None]:
@@ -226,31 +252,29 @@ class _Looked:
     sizes: dict[tuple[str, int], tuple[int, int]] = field(default_factory=dict)
 
 
-def _of_files(
-    source: Source, options: Options, given: StereoCalibration | None, images_rectified: str
-) -> RecordingInfo:
+def _of_files(source: Source, options: Options, rigs: Rigs, judge_pair: PairJudge | None) -> RecordingInfo:
     if source.kind == "video":
         for path in filter(None, (source.path, source.other)):
             Video(path).close()  # what cannot be opened is refused, as a bag is
     try:
-        listing = list_frames([source], options, given, images_rectified)
+        listing = list_frames([source], options, rigs.given, rigs.images_rectified)
     except ReconError as error:
         return RecordingInfo(_shown(source), 0, 0, kind=source.kind, reasons=(str(error),))
     frames = listing.frames
     sides = CameraImages(_place_of(source, 0), None), CameraImages(_place_of(source, 1), None)
-    with closing(Reader([source], [])) as reader:
+    with closing(Reader([source], listing.calibrations)) as reader:
         looked = _look_at_stills(frames) if source.kind == "stills" else _look_at_video(source, frames, reader)
         for number, side in enumerate(sides):
             places = [(frame.stamp_ns, (frame.left, frame.right)[number]) for frame in frames]
             _describe_files(side, source, places, looked, reader)
-    sound = [frame for frame in frames if not {_key(frame.left), _key(frame.right)} & looked.bad.keys()]
-    state, baseline, findings = _calibration_of(listing, (sides[0].width, sides[0].height))
-    found = RecordingInfo(
-        _shown(source), frames[0].stamp_ns, frames[-1].stamp_ns, (), source.kind, *sides,
-        **_pair_numbers([frame.stamp_ns for frame in sound]), calibration=state, baseline_m=baseline,
-        calibration_findings=findings, damage=tuple(looked.bad.values()),
-    )  # fmt: skip
-    judged = judge(found, changes=-1)
+        sound = [frame for frame in frames if not {_key(frame.left), _key(frame.right)} & looked.bad.keys()]
+        state, baseline, findings = _calibration_of(listing, (sides[0].width, sides[0].height))
+        found = RecordingInfo(
+            _shown(source), frames[0].stamp_ns, frames[-1].stamp_ns, (), source.kind, *sides,
+            **_pair_numbers([frame.stamp_ns for frame in sound]), calibration=state, baseline_m=baseline,
+            calibration_findings=findings, damage=tuple(looked.bad.values()),
+        )  # fmt: skip
+        judged = _judged_by_a_pair(judge(found, changes=-1), sound, reader, judge_pair)
     return replace(judged, warnings=(*judged.warnings, *listing.notes))
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 
+from uw_recon_ros.bags import BagReader
 from uw_recon_ros.calibration.rectified import rectified_by_name
 from uw_recon_ros.errors import BagError, CalibrationError, ReconError
 from uw_recon_ros.files.calibrations import read_calibration
@@ -87,11 +89,30 @@ def list_frames(
 
 def first_size(sources: list[Source], options: Options) -> tuple[int, int] | None:
     """Width and height, px, of the first image of the first source, for calibrations that do not tell theirs."""
+    source = sources[0]
+    if source.kind == "video" and options.clock_offset == "auto":
+        options = replace(options, clock_offset="0")  # no search: sizes are the same whatever the clocks
     try:
-        frames = list_frames(sources[:1], options).frames
+        return _first_size(source, _first_frames(source, options))
     except ReconError:
         return None
-    return _first_size(sources[0], frames)
+
+
+def _first_frames(source: Source, options: Options) -> list[Frame]:
+    """A few pairs, without a look at the others."""
+    if source.kind != "bag":
+        return list(itertools.islice(_lister(source)(source, options, []), _TRIED))
+    with open_source(source) as bag:
+        return list(itertools.islice(_walk(source, bag, 0, options, Rigs()), _TRIED))
+
+
+def _lister(source: Source) -> Callable[[Source, Options, list[str]], Iterator[Frame]]:
+    return list_stills if source.kind == "stills" else list_video
+
+
+def _walk(source: Source, bag: BagReader, index: int, options: Options, rigs: Rigs) -> StampPairer:
+    topics = bag.stereo_topics(options.left_topic or None, options.right_topic or None)
+    return StampPairer(bag, topics, index, round(options.pair_tolerance_ms * 1e6), rigs, options.offset_ns or 0)
 
 
 def _numbered(frames: list[Frame]) -> list[Frame]:
@@ -109,13 +130,11 @@ def _numbered(frames: list[Frame]) -> list[Frame]:
 
 def _list_source(source: Source, index: int, options: Options, rigs: Rigs, notes: list[str]) -> list[Frame]:
     if source.kind != "bag":
-        lister = list_stills if source.kind == "stills" else list_video
-        frames = list(lister(source, options, notes))
+        frames = list(_lister(source)(source, options, notes))
         rig = _rig_beside(source, frames, rigs)
         return [replace(frame, source=index, rig=rig) for frame in frames]
     with open_source(source) as bag:
-        topics = bag.stereo_topics(options.left_topic or None, options.right_topic or None)
-        walk = StampPairer(bag, topics, index, round(options.pair_tolerance_ms * 1e6), rigs, options.offset_ns or 0)
+        walk = _walk(source, bag, index, options, rigs)
         frames = list(walk)
         notes += [f"{source.name}: {sentence}" for sentence in [*bag.damage, *walk.notes()]]
     if not frames:

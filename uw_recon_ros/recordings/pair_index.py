@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 import itertools
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from uw_recon_ros.bags import BagReader, RawMessage, StereoTopics
@@ -141,11 +141,21 @@ class StampPairer:
         Learns the calibrations.
     offset_ns : int
         What the right camera's stamps are ahead of the left one's.
+    on_message : callable
+        Is given every message of the rig's topics as it passes, so that a bag is read once.
     """
 
     def __init__(
-        self, bag: BagReader, topics: StereoTopics, source: int, tolerance_ns: int, rigs: Rigs, offset_ns: int = 0
+        self,
+        bag: BagReader,
+        topics: StereoTopics,
+        source: int,
+        tolerance_ns: int,
+        rigs: Rigs,
+        offset_ns: int = 0,
+        on_message: Callable[[RawMessage], None] = lambda message: None,
     ) -> None:
+        self._on_message = on_message
         self._offset_ns, self._stampless, self._by_log = offset_ns, 0, False
         self._bag, self._topics, self._source, self._rigs = bag, topics, source, rigs
         self._rectified = topics.rectified(rigs.images_rectified)
@@ -161,6 +171,7 @@ class StampPairer:
         self._learn_first_infos()
         self._by_log = not any(map(any, map(self._first_stamps, (self._topics.left, self._topics.right))))
         for message in self._messages():
+            self._on_message(message)
             if message.topic in self._infos:
                 self._learn(message)
             else:
