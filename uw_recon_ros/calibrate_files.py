@@ -23,6 +23,7 @@ from uw_recon_ros.calibrate.depth_error import DepthError, HeldOut, depth_errors
 from uw_recon_ros.calibrate.detect import Sighting, find_board, find_checkerboard_size
 from uw_recon_ros.calibrate.fit import LEAST_PAIRS, Fit, LeftOut, baseline_sigma, solve, turned_over
 from uw_recon_ros.calibrate.markers import APRILTAGS, find_dictionary
+from uw_recon_ros.calibrate.moments import do_not_belong, find_shift
 from uw_recon_ros.calibrate.optics import NAMES, names_of
 from uw_recon_ros.calibrate.pair_selection import different_ones, mirrored, sharp_ones, unseen_reason
 from uw_recon_ros.calibrate.ports import ALL_NAMES, AirRig, PortGlass, PortRig, port_findings, solve_ports
@@ -44,6 +45,7 @@ from uw_recon_ros.recordings.sources import find_sources
 from uw_recon_ros.types import ByteImage, Matrix, StereoCalibration
 
 MEDIA = ("water", "air", "unknown")
+_OTHER_MOMENTS = (Code.CALIBRATE_UNSYNCHRONISED, Code.CALIBRATE_TOO_FEW)  # where a shift is looked for
 _LOOKED_AT = 12  # pairs, to find a board's size or dictionary
 
 
@@ -107,11 +109,12 @@ def air_rig(path: str | Path) -> AirRig:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """Two grey pictures of one moment and what people call them."""
+    """Two grey pictures of one moment, what people call them, and which pair of the recording they are."""
 
     name: str
     left: ByteImage
     right: ByteImage
+    place: int | None = None
 
     @property
     def size(self) -> tuple[int, int]:
@@ -173,7 +176,8 @@ class Pictures:
         listing = list_frames(sources, Options())
         self.notes, self.unusable = [*listing.notes, *listing.unreadable], list[LeftOut]()
         self._kinds = [source.kind for source in sources]
-        self._frames = listing.frames[:: -(-len(listing.frames) // most)]
+        self._step = -(-len(listing.frames) // most)
+        self._frames = listing.frames[:: self._step]
         self._reader = Reader(sources, listing.calibrations)
 
     def __len__(self) -> int:
@@ -181,14 +185,14 @@ class Pictures:
 
     def __iter__(self) -> Iterator[Seen]:
         try:
-            for frame in self._frames:
+            for place, frame in enumerate(self._frames):
                 name = self._name(frame)
                 try:
                     pair = self._reader.read(frame)
                 except ReconError as error:
                     self.unusable.append(LeftOut(name, str(error), error.code))
                 else:
-                    yield Seen(name, as_gray(pair.left), as_gray(pair.right))
+                    yield Seen(name, as_gray(pair.left), as_gray(pair.right), place * self._step)
         finally:
             self._reader.close()
 
@@ -252,7 +256,7 @@ def see_boards(frames: Iterable[Seen], board: Board) -> tuple[list[SeenPair], li
                 left_out.append(LeftOut(last.name, reason, Code.CALIBRATE_NOT_SEEN))
                 blind = blind or last
             elif isinstance(found[0], Sighting) and isinstance(found[1], Sighting):
-                seen.append(SeenPair(last.name, found[0], found[1]))
+                seen.append(SeenPair(last.name, found[0], found[1], last.place))
                 sizes[last.name] = last.size
     if len(seen) < LEAST_PAIRS and (not seen or len(left_out) > len(seen)):
         raise _hardly_seen(blind or last, board, left_out, len(seen))
@@ -329,6 +333,8 @@ def calibrate_seen(
         result = _calibrated(different, board, size, metric, medium, ports, lens)
     except CalibrationError as error:
         _raise_if_turned(different, board, size)
+        if error.code in _OTHER_MOMENTS:
+            _raise_if_late(different, board, size)
         rest = Counter(out.reason for out in (*unseen, *blurred, *same)).most_common(1)
         raise CalibrationError(f"{error}{f'; {rest[0][1]} pairs: {rest[0][0]}' if rest else ''}", error.code) from error
     return replace(result, left_out=(*unseen, *blurred, *same, *result.left_out))
@@ -339,6 +345,13 @@ def _calibrated(
     ports: PortsAsked | None, lens: str,
 ) -> Result:  # fmt: skip
     fit = solve_ports(pairs, board, *ports) if ports else solve(pairs, board, size, lens)
+    if not ports and do_not_belong(fit, pairs, board, size):
+        text = (
+            f"left and right pictures do not belong together: each camera alone sees the board well, but only "
+            f"{len(fit.pairs)} of {len(pairs)} pairs agree, by {fit.bundle.noise_px:.1f} px: trigger both cameras "
+            "together, and let none of them move against the other"
+        )
+        raise CalibrationError(text, Code.CALIBRATE_UNSYNCHRONISED)
     rig = RigNumbers(fit.bundle.numbers[: len(NAMES)], size, fit.lens)
     behind = PortRig(fit.bundle.numbers, ports.told, size) if ports else None
     if rig.exchanged:
@@ -363,6 +376,19 @@ def _raise_if_turned(pairs: Sequence[SeenPair], board: Board, size: tuple[int, i
     if way is not None:
         text = f"the pictures of one camera are {way}: turn them back, then {len(pairs)} pairs of the board agree"
         raise CalibrationError(text, Code.CALIBRATE_MIRRORED)
+
+
+def _raise_if_late(pairs: Sequence[SeenPair], board: Board, size: tuple[int, int]) -> None:
+    """Say so where pairs agree once the pictures of one camera are shifted."""
+    shift = find_shift(pairs, board, size)
+    if shift is not None:
+        count, late = abs(shift.pairs), "late" if shift.pairs > 0 else "early"
+        text = (
+            f"left and right are not of one moment: the right pictures are {count} pair{'s' * (count > 1)} {late} (the "
+            f"left one of {shift.left} belongs to the right one of {shift.right}); paired so {shift.agreed} of "
+            f"{shift.of} agree, by {shift.noise_px:.2f} px: pair them so and calibrate again"
+        )
+        raise CalibrationError(text, Code.CALIBRATE_UNSYNCHRONISED)
 
 
 def _of_medium(medium: str) -> Iterator[Finding]:

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from uw_recon_ros.calibrate.detect import Sighting
 from uw_recon_ros.calibrate.optics import PROJECTIONS
 from uw_recon_ros.calibrate.pair_covariance import pair_covariance
+from uw_recon_ros.errors import CalibrationError
+from uw_recon_ros.findings import Code
 from uw_recon_ros.lenses import PLUMB_BOB
 from uw_recon_ros.types import Mask, Matrix
 
@@ -38,11 +40,14 @@ class SeenPair:
     name : str
         Of the pair, as its files or stamp say.
     left, right : Sighting
+    place : int or None
+        Which pair of its recording it is; None: pairs are not counted.
     """
 
     name: str
     left: Sighting
     right: Sighting
+    place: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,8 +258,23 @@ def _solution(
             _normal(numbers, pose, pair, points, free, project)[0] for pose, pair in zip(poses, pairs, strict=True)
         ]
         prior = known.information[np.ix_(free, free)]
-        covariance[np.ix_(free, free)] = pair_covariance(*_without_poses(blocks), prior, noise)
+        covariance[np.ix_(free, free)] = _spread(blocks, prior, noise)
     return Bundle(numbers, poses, covariance, residuals, noise, free, project)
+
+
+def _spread(blocks: Sequence[_Normal], prior: Matrix, noise: float) -> Matrix:
+    """Covariance of the free numbers; of numbers that ran away there is none."""
+    try:
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            found = pair_covariance(*_without_poses(blocks), prior, noise)
+    except np.linalg.LinAlgError:
+        found = np.full((1, 1), np.nan)
+    if not np.isfinite(found).all():
+        text = (
+            f"pairs of the board: no rig explains them, points miss by {noise:.3g} px; are both pictures of one moment?"
+        )
+        raise CalibrationError(text, Code.CALIBRATE_UNSYNCHRONISED)
+    return found
 
 
 def _without_poses(blocks: Sequence[_Normal]) -> tuple[list[Matrix], list[Matrix]]:

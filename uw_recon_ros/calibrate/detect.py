@@ -46,6 +46,10 @@ class Sighting:
     spacing_px: float
 
 
+#: No board.
+NOT_SEEN = Sighting(np.empty(0, np.int64), np.empty((0, 2)), 0.0, 0.0)
+
+
 def find_board(gray: ByteImage, board: Board) -> Sighting | None:
     """Look for the board in a picture, then in the same with its local contrast raised, as haze needs.
 

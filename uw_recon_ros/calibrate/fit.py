@@ -19,7 +19,7 @@ from uw_recon_ros.calibrate.bundle import (
     unseen_residual,
     unseen_residuals,
 )
-from uw_recon_ros.calibrate.detect import Sighting
+from uw_recon_ros.calibrate.detect import NOT_SEEN
 from uw_recon_ros.calibrate.guess import guess_rig
 from uw_recon_ros.calibrate.optics import EXTRINSIC, NAMES, PROJECTIONS, SIDES
 from uw_recon_ros.errors import CalibrationError
@@ -305,8 +305,7 @@ def _named(pair: SeenPair, bundle: Bundle, index: int, points: Matrix) -> LeftOu
 
 def _alone(bundle: Bundle, index: int, pair: SeenPair, side: str, points: Matrix) -> float:
     """Error of one camera's points when the board's pose need please no other camera."""
-    nothing = Sighting(np.empty(0, np.int64), np.empty((0, 2)), 0.0, 0.0)
-    single = replace(pair, right=nothing) if side == "left" else replace(pair, left=nothing)
+    single = replace(pair, right=NOT_SEEN) if side == "left" else replace(pair, left=NOT_SEEN)
     return rms_px([unseen_residual(bundle, bundle.poses[index], single, points)])
 
 

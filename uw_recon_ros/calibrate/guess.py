@@ -44,7 +44,7 @@ def guess_rig(
         numbers[side] = _camera(sightings, points, size, lens)
     lefts = [guess_pose(numbers[SIDES[0]], pair.left, points, lens) for pair in pairs]
     rights = [guess_pose(numbers[SIDES[1]], pair.right, points, lens) for pair in pairs]
-    numbers[EXTRINSIC] = _between(lefts, rights)
+    numbers[EXTRINSIC] = np.median(right_from_left(lefts, rights), axis=0)
     return numbers, np.array(lefts)
 
 
@@ -93,12 +93,11 @@ def _by_pinhole(camera: Matrix, pixels: Matrix) -> tuple[Matrix, Mask]:
     return camera[2:4] + camera[:2] * stretch[:, None] * aside, ahead
 
 
-def _between(lefts: Sequence[Matrix], rights: Sequence[Matrix]) -> Matrix:
-    """The median of what every pair says about right from left."""
+def right_from_left(lefts: Sequence[Matrix], rights: Sequence[Matrix]) -> Matrix:
+    """(P, 6) rotation vector and translation that every pair tells, from the board's poses before both cameras."""
     found = []
     for left, right in zip(lefts, rights, strict=True):
         one, other = (cv2.Rodrigues(pose[:3])[0] for pose in (left, right))
         turn = other @ one.T
         found.append(np.concatenate([cv2.Rodrigues(turn)[0].ravel(), right[3:] - turn @ left[3:]]))
-    middle: Matrix = np.median(found, axis=0)
-    return middle
+    return np.array(found)

@@ -14,7 +14,7 @@ from uw_recon_ros.calibrate.fit import LeftOut
 from uw_recon_ros.findings import Code
 from uw_recon_ros.types import ByteImage
 
-_LEAST_COMMON = 8  # points that both cameras see
+LEAST_COMMON = 8  #: points that both cameras must see
 _BLURRED = 1.6  # times the usual width of edges
 _BLURRED_PX = 4.0  # what no pair is left out for
 _SAME_PLACE = 0.002  # of the image's diagonal: a board that has moved less than that since an earlier pair
@@ -26,7 +26,7 @@ def unseen_reason(left: Sighting | None, right: Sighting | None) -> str | None:
     if left is None or right is None:
         return f"no board found in the {' and the '.join(blind)} image"
     common = len(np.intersect1d(left.numbers, right.numbers))
-    return None if common >= _LEAST_COMMON else f"only {common} points of the board are seen by both cameras"
+    return None if common >= LEAST_COMMON else f"only {common} points of the board are seen by both cameras"
 
 
 def mirrored(gray: ByteImage, board: Board) -> bool:
