@@ -92,6 +92,13 @@ def test_sizes_are_held_against_the_images() -> None:
     assert "binning" not in refusal.text
 
 
+@pytest.mark.parametrize(("images", "scaled"), [((320, 240), True), ((1280, 961), True), ((1280, 720), False)])
+def test_a_size_of_the_same_proportions_is_said_to_be_scalable(images: tuple[int, int], scaled: bool) -> None:
+    refusal = judge_calibration(StereoCalibration(camera(), camera(-60.0)), images).refusal
+    assert refusal is not None
+    assert (f"convert-calibration --size {images[0]}x{images[1]}" in refusal.advice) is scaled
+
+
 def test_binning_is_named_where_a_binned_size_does_not_fit() -> None:
     binned = camera_from_info(message(2, (0, 0, 0, 0)))
     refusal = judge_calibration(StereoCalibration(binned, binned), (640, 480)).refusal

@@ -137,3 +137,13 @@ def test_small_mistakes_are_told(kept: Path, capsys: pytest.CaptureFixture[str])
     bow = ["40,40", "200,200", "200,40", "40,200"]
     assert main(["measure", str(kept / "a.frame"), "area", *bow]) == 1
     assert "crosses itself" in capsys.readouterr().err
+
+
+def test_a_point_left_of_the_image_is_a_point_and_no_option(kept: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for words in (
+        ["length", "-5,200", "90,120"],
+        ["length", "40,120", "-5.5,-2"],
+        ["height", "9,9", "--plane", "-1,2"],
+    ):
+        assert main(["measure", str(kept / "a.frame"), *words]) == 1
+        assert "expected within the rectified image" in capsys.readouterr().err or words[0] == "height"

@@ -279,3 +279,20 @@ def test_a_fingerprint_sees_one_bit(tmp_path: Path) -> None:
     assert list(before.values()) == list(same.values())
     flip(path, [2000])
     assert fingerprint(find_sources([path])[0]) != before
+
+
+def test_copies_of_a_pair_of_stills_are_told(tmp_path: Path) -> None:
+    names = [f"{k:04}.png" for k in range(1, 6)]
+    folder = stills(tmp_path / "dive", names, names)
+    for side in ("left", "right"):
+        for name in names[2:]:
+            shutil.copy(folder / side / names[1], folder / side / name)
+    notes = list_frames(find_sources([folder]), options_of(SurveyParams())).notes
+    assert any("3 of 5 pairs are copies of earlier ones, the first, 0003.png, of 0002.png" in note for note in notes)
+
+
+def test_pairs_that_share_one_picture_are_no_copies(tmp_path: Path) -> None:
+    names = ["0001.png", "0002.png"]
+    folder = stills(tmp_path / "dive", names, names)
+    shutil.copy(folder / "left" / names[0], folder / "left" / names[1])
+    assert not list_frames(find_sources([folder]), options_of(SurveyParams())).notes

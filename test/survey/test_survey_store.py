@@ -130,3 +130,25 @@ def test_differences_are_named_wherever_they_are() -> None:
     assert found == [("a.c", 2, None), ("d", None, "x"), ("e", None, {"f": True})]
     assert describe(found) == 'a.c: 2 then, absent now; d: absent then, "x" now; e: absent then, {"f": true} now'
     assert describe([(str(i), 0, 1) for i in range(9)]).endswith("and 5 more")
+
+
+def test_a_refused_survey_leaves_no_empty_folder(tmp_path: Path) -> None:
+    def refused(folder: Path) -> None:
+        with Store(folder) as store:
+            store.claim({}, overwrite=False)
+            raise SurveyError("refused")
+
+    (tmp_path / "made").mkdir()
+    for folder in ("new", "made"):
+        with pytest.raises(SurveyError, match="refused"):
+            refused(tmp_path / folder)
+    assert not (tmp_path / "new").exists()
+    assert list((tmp_path / "made").iterdir()) == []
+
+
+def test_a_refusal_takes_nothing_that_an_earlier_run_left(tmp_path: Path) -> None:
+    with Store(tmp_path) as store:
+        store.claim({"a": 1}, overwrite=False)
+    with pytest.raises(SurveyError, match="other settings"), Store(tmp_path) as store:
+        store.claim({"a": 2}, overwrite=False)
+    assert (tmp_path / "state" / "settings.json").is_file()

@@ -25,6 +25,7 @@ SAME_FOCAL = 1e-3  #: relative difference of the focal lengths of both P that co
 #: images make of it, the rows of tie points tell.
 SAME_ROW_PX = 0.5
 
+_SAME_PROPORTIONS = 0.01  # relative difference: what rounding to whole and even pixels leaves
 _ROTATION = 1e-3  # largest element of R R^T - I
 _SCALED = 1.25  # K and P whose focal length and centre differ by one factor beyond this are of two resolutions
 _OFF_CENTRE = 1.6  # principal point over image centre, or its inverse, in both directions alike
@@ -131,11 +132,16 @@ def is_rotation(r: Matrix) -> bool:
         return bool(np.abs(r @ r.T - np.eye(3)).max() <= _ROTATION and np.linalg.det(r) > 0)
 
 
+def same_proportions(one: tuple[int, int], other: tuple[int, int]) -> bool:
+    """Whether images of two sizes may show the same view, in more or fewer pixels."""
+    return abs(one[0] * other[1] / (one[1] * other[0]) - 1) <= _SAME_PROPORTIONS
+
+
 def _of_camera(side: str, camera: CameraModel, image_size: tuple[int, int] | None) -> Iterator[Finding]:
     size = camera.width, camera.height
     if image_size is not None and size != image_size:
         text = f"{side} calibration: expected {image_size[0]}x{image_size[1]} px as the images, got {size[0]}x{size[1]}"
-        yield _refused(Code.CALIBRATION_SIZE_DIFFERS, text + _binned(camera), "calibrate at the resolution used")
+        yield _refused(Code.CALIBRATION_SIZE_DIFFERS, text + _binned(camera), _for_size(size, image_size))
     if not is_rotation(camera.r):
         yield _refused(Code.CALIBRATION_NOT_A_ROTATION, f"{side} R: expected a rotation, got {camera.r.tolist()}")
     if abs(camera.p[0, 1]) > 1e-6 * camera.p[0, 0] or camera.p[1, 0] or camera.p[2].tolist() != [0, 0, 1, 0]:
@@ -147,6 +153,16 @@ def _of_camera(side: str, camera: CameraModel, image_size: tuple[int, int] | Non
         text = f"{side} D: expected the lens of a camera that R turns, got zeros: a lens without distortion, or D lost"
         advice = "look into the calibration file; set images_rectified where the images come rectified"
         yield Finding(Code.CALIBRATION_DISTORTION_LOST, text, Severity.WARN, advice)
+
+
+def _for_size(size: tuple[int, int], image_size: tuple[int, int]) -> str:
+    """What to do about a calibration of another size: of other proportions a mode shows another part of the scene."""
+    if not same_proportions(size, image_size):
+        return "calibrate at the resolution used"
+    return (
+        f"where this mode shows the same view, uw_recon convert-calibration --size {image_size[0]}x{image_size[1]}; "
+        "else calibrate at the resolution used"
+    )
 
 
 def _turned(r: Matrix) -> bool:

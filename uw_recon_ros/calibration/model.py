@@ -7,14 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from uw_recon_ros.calibration.judge import DISTORTION_COUNTS, is_rotation
+from uw_recon_ros.calibration.judge import DISTORTION_COUNTS, is_rotation, same_proportions
 from uw_recon_ros.calibration.names import model_named
 from uw_recon_ros.errors import CalibrationError
 from uw_recon_ros.findings import Code
 from uw_recon_ros.types import CameraModel, Matrix, StereoCalibration
 
 _LARGEST = 1e9  # px, or px m: what a number of K or P may be
-_SAME_PROPORTIONS = 0.01  # relative difference: what rounding to whole and even pixels leaves
 
 
 def _matrix(name: str, values: Any, shape: tuple[int, int]) -> Matrix:
@@ -175,7 +174,7 @@ def scaled(calibration: StereoCalibration, size: tuple[int, int]) -> StereoCalib
 
 def _scaled(camera: CameraModel, size: tuple[int, int]) -> CameraModel:
     x, y = size[0] / camera.width, size[1] / camera.height
-    if abs(x / y - 1) > _SAME_PROPORTIONS:
+    if not same_proportions(size, (camera.width, camera.height)):
         raise CalibrationError(
             f"size: expected the proportions of {camera.width}x{camera.height} px, got {size[0]}x{size[1]}: the camera "
             "cuts its image off in one of both modes; calibrate in the mode that is recorded",

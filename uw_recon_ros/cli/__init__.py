@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import sys
 from collections.abc import Collection, Sequence
 
@@ -39,6 +40,10 @@ _MODULES = (
     calibrate, measure, completion,
 )  # fmt: skip
 VERBS = {verb.__name__.rpartition(".")[2].replace("_", "-"): verb for verb in _MODULES}
+
+
+#: A pixel left of the image, ``-5,200``, which argparse takes for an option unless there is a space in it.
+_NEGATIVE_POINT = re.compile(r"-[\d.]+,-?[\d.]+")
 
 
 class _Version(argparse.Action):
@@ -99,7 +104,7 @@ def _run(words: Sequence[str]) -> int:
     if not words:
         parser.print_help(sys.stderr)
         return USAGE
-    args = parser.parse_args(words)
+    args = parser.parse_args([f" {word}" if _NEGATIVE_POINT.fullmatch(word) else word for word in words])
     code: int = args.run(args)
     return code
 

@@ -13,6 +13,7 @@ from uw_recon_ros.calibration.rectified import rectified_by_name
 from uw_recon_ros.errors import BagError, CalibrationError, ReconError
 from uw_recon_ros.files.calibrations import read_calibration
 from uw_recon_ros.findings import Code
+from uw_recon_ros.recordings.copies import note_copies
 from uw_recon_ros.recordings.options import Options
 from uw_recon_ros.recordings.pair_index import Frame, Rigs, StampPairer
 from uw_recon_ros.recordings.read import Reader
@@ -131,6 +132,8 @@ def _numbered(frames: list[Frame]) -> list[Frame]:
 def _list_source(source: Source, index: int, options: Options, rigs: Rigs, notes: list[str]) -> list[Frame]:
     if source.kind != "bag":
         frames = list(_lister(source)(source, options, notes))
+        if source.kind == "stills":
+            note_copies(source.name, frames, notes)
         rig = _rig_beside(source, frames, rigs)
         return [replace(frame, source=index, rig=rig) for frame in frames]
     with open_source(source) as bag:

@@ -86,6 +86,7 @@ class Store:
         self.root = Path(root)
         self.state = self.root / STATE
         self._check()
+        self._made = [path for path in (self.root, self.state) if not path.exists()]
         self.state.mkdir(parents=True, exist_ok=True)
         self._lock = (self.state / "lock").open("w")
         try:
@@ -104,8 +105,18 @@ class Store:
     def __enter__(self) -> Store:
         return self
 
-    def __exit__(self, *error: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
+        if self.state in self._made and kind is not None and issubclass(kind, ReconError):
+            self._leave_nothing()
         self._lock.close()
+
+    def _leave_nothing(self) -> None:
+        """Remove what was made for a survey that was refused before its first frame."""
+        if self._journal.exists():
+            return
+        shutil.rmtree(self.state)
+        if self.root in self._made and not any(self.root.iterdir()):
+            self.root.rmdir()
 
     @property
     def staging(self) -> Path:
