@@ -8,15 +8,21 @@ from collections.abc import Iterator, Sequence
 #: Words for the left (upper) and the right (lower) camera, best known first.
 PAIRS = (
     ("left", "right"), ("port", "starboard"), ("port", "stbd"), ("upper", "lower"), ("top", "bottom"), ("l", "r"),
-    ("master", "slave"), ("primary", "secondary"),
+    ("master", "slave"), ("primary", "secondary"), ("links", "rechts"), ("gauche", "droite"),
+    ("izquierda", "derecha"), ("izquierdo", "derecho"), ("izq", "der"), ("sinistra", "destra"), ("esquerda", "direita"),
+    ("babord", "tribord"), ("bâbord", "tribord"), ("babor", "estribor"), ("backbord", "steuerbord"),
+    ("bakboord", "stuurboord"), ("babord", "styrbord"), ("bombordo", "estibordo"),
 )  # fmt: skip
+_WHOLE = {"l", "r", "izq", "der"}  # words that others contain
 NUMBERED = len(PAIRS)  #: grade of names that differ by a number only
+_LETTERED = NUMBERED + 2  #: of names that differ by a letter: of three cameras nobody knows which two are the rig
 _WORD_AND_NUMBER = NUMBERED + 3  # of names whose side and serial number differ
 #: A camera's number: behind a word that means one, or alone between slashes.
 _NUMBER = re.compile(
     r"(?:cam|camera|image|images|img|infra|ir|fisheye|slave|sensor|eye|view|cam[a-z]*|(?:^|/)(?=[0-9]{1,2}(?:/|$)))[_-]?([0-9]{1,2})(?![0-9])",
     re.IGNORECASE,
 )
+_LETTER = re.compile(r"(?:cam|camera|view|sensor)[_-]?([a-g])(?![a-z0-9])", re.IGNORECASE)
 _DIGITS = re.compile(r"[0-9]+")
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+")
 
@@ -34,12 +40,15 @@ def partners(left: str) -> dict[str, int]:
         following = str(number + 1).zfill(len(match[1]))
         name = f"{left[: match.start(1)]}{following}{left[match.end(1) :]}".lower()
         found.setdefault(name, NUMBERED + min(number, 2))
+    for match in _LETTER.finditer(left):
+        following = chr(ord(match[1].lower()) + 1)
+        found.setdefault(f"{left[: match.start(1)]}{following}{left[match.end(1) :]}".lower(), _LETTERED)
     return found
 
 
 def _places(name: str, word: str) -> Iterator[int]:
-    """Where a word begins: a long one anywhere, a single letter only as a word of its own."""
-    if len(word) > 1:
+    """Where a word begins: a long one anywhere, a short one only as a word of its own."""
+    if word not in _WHOLE:
         yield from (match.start() for match in re.finditer(word, name.lower()))
     else:
         yield from (match.start() for match in _WORD.finditer(name) if match[0].lower() == word)

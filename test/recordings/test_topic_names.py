@@ -12,13 +12,22 @@ from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 
 from uw_recon_ros.bags import BagWriter, messages
-from uw_recon_ros.bags.messages import CAMERA_INFO, COMPRESSED_IMAGE, FFMPEG_PACKET, FOXGLOVE_VIDEO, IMAGE, MAKE
-from uw_recon_ros.bags.model import TopicInfo
+from uw_recon_ros.bags.messages import (
+    CAMERA_INFO,
+    COMPRESSED_IMAGE,
+    FFMPEG_PACKET,
+    FOXGLOVE_VIDEO,
+    H264_PACKET,
+    IMAGE,
+    MAKE,
+)
+from uw_recon_ros.bags.model import RawMessage, TopicInfo
 from uw_recon_ros.bags.stereo import find_stereo_topics
 from uw_recon_ros.calibration.rectified import named_rectified
 from uw_recon_ros.errors import BagError, ImageError
 from uw_recon_ros.findings import Code
 from uw_recon_ros.messages.headers import header
+from uw_recon_ros.recordings.folders import camera_folders, flat_pairs
 from uw_recon_ros.recordings.info import bag_info
 from uw_recon_ros.recordings.options import Options
 from uw_recon_ros.recordings.recording import Recording
@@ -44,7 +53,14 @@ def topics(*names: str, kind: str = IMAGE) -> list[TopicInfo]:
      ("/camera/image_left", "/camera/image_right"), ("/leftcam/image", "/rightcam/image"), ("/image_L", "/image_R"),
      ("/directdrive/left/image_raw", "/directdrive/right/image_raw"),
      ("/debug_rig/left/image", "/debug_rig/right/image"),
-     ("/zed/zed_node/left/image_rect_color", "/zed/zed_node/right/image_rect_color")],
+     ("/zed/zed_node/left/image_rect_color", "/zed/zed_node/right/image_rect_color"),
+     ("/cam_a/image_raw", "/cam_b/image_raw"), ("/rig/cameraA/image", "/rig/cameraB/image"),
+     ("/cam2/image_raw", "/cam3/image_raw"), ("/kamera_links/image", "/kamera_rechts/image"),
+     ("/gauche/image", "/droite/image"), ("/camara_izquierda/image", "/camara_derecha/image"),
+     ("/cam_izq/image", "/cam_der/image"), ("/Babord/image_raw", "/Tribord/image_raw"),
+     ("/backbord/image", "/steuerbord/image"), ("/bakboord/image", "/stuurboord/image"),
+     ("/babord/image", "/styrbord/image"), ("/sinistra/image", "/destra/image"), ("/babor/image", "/estribor/image"),
+     ("/bombordo/image", "/estibordo/image"), ("/esquerda/image", "/direita/image")],
 )  # fmt: skip
 def test_names_of_cameras(left: str, right: str) -> None:
     others = topics("/depth/image_raw", "/front/image", "/map")
@@ -61,6 +77,11 @@ def test_variants_of_one_rig_are_one_rig() -> None:
     assert named_rectified("/rig/left/image_rect")
 
 
+def test_kinds_of_images_in_the_last_part_of_a_name_are_one_rig() -> None:
+    names = [f"/rig/{kind}_{side}" for kind in ("image_rect", "imageRaw") for side in ("left", "right")]
+    assert find_stereo_topics(topics(*names)).left == "/rig/imageRaw_left"
+
+
 def test_several_rigs_are_named() -> None:
     names = [f"/{rig}/{side}/image_raw" for rig in ("front", "down") for side in ("left", "right")]
     with pytest.raises(BagError, match="/down/left/image_raw and /down/right/image_raw") as error:
@@ -70,6 +91,51 @@ def test_several_rigs_are_named() -> None:
     assert find_stereo_topics(topics(*names), left="/down/left/image_raw").right == "/down/right/image_raw"
     chain = topics(*(f"/cam{n}/image_raw" for n in range(4)))
     assert find_stereo_topics(chain).right == "/cam1/image_raw"
+
+
+@pytest.mark.parametrize(
+    "names",
+    [("/front/image", "/back/image"), ("/cam_front/image", "/cam_back/image"), ("/recorder/image", "/reizqorder/image"),
+     ("/cam0_front/image", "/cam1_back/image"), ("/camera/image", "/camesa/image"), ("/bow/image", "/stern/image")],
+)  # fmt: skip
+def test_names_that_tell_no_side(names: tuple[str, str]) -> None:
+    for listed in (names, names[::-1]):
+        with pytest.raises(BagError, match="no stereo pair") as error:
+            find_stereo_topics(topics(*listed))
+        assert all(name in str(error.value) for name in names)
+        assert "--left-topic" in str(error.value)
+    assert find_stereo_topics(topics(*names), *names).right == names[1]
+
+
+@pytest.mark.parametrize(
+    "names",
+    [("/cam_a/image", "/cam_b/image", "/cam_c/image"), ("/cam2/image", "/cam3/image", "/cam4/image"),
+     ("/front/links/image", "/front/rechts/image", "/back/links/image", "/back/rechts/image"),
+     ("/front_babord", "/front_tribord", "/back_babord", "/back_tribord")],
+)  # fmt: skip
+def test_of_more_cameras_none_is_chosen(names: tuple[str, ...], tmp_path: Path) -> None:
+    with pytest.raises(BagError, match="several rigs"):
+        find_stereo_topics(topics(*names))
+    for name in names:
+        (tmp_path / name.strip("/").replace("/image", "").replace("/", "_")).mkdir()
+    with pytest.raises(BagError, match="several"):
+        camera_folders(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("left", "right"),
+    [("links", "rechts"), ("Gauche", "Droite"), ("cam_a", "cam_b"), ("cam2", "cam3"), ("Backbord", "Steuerbord"),
+     ("kamera_babord", "kamera_tribord"), ("izq", "der")],
+)  # fmt: skip
+def test_folders_and_files_have_the_same_names(left: str, right: str, tmp_path: Path) -> None:
+    for name in (left, right, "front", "back", "recorder"):
+        (tmp_path / "dive" / name).mkdir(parents=True)
+    found, others = camera_folders(tmp_path / "dive")
+    assert found == (tmp_path / "dive" / left, tmp_path / "dive" / right)
+    assert not others
+    if left not in ("cam_a", "cam2"):  # numbers and letters in one folder count stills, as often as cameras
+        names = [[tmp_path / f"dive_{n}_{side}.jpg" for n in range(5)] for side in (left, right)]
+        assert flat_pairs([*names[1], *names[0]]) == (names[0], names[1])
 
 
 @pytest.mark.parametrize(
@@ -173,6 +239,33 @@ def test_video_topics(tmp_path: Path, kind: str, codec: str) -> None:
             assert pair.stamp_ns == (10 + n) * 100 * MS
 
 
+@pytest.mark.parametrize("kind", [H264_PACKET, f"{H264_PACKET}Short", f"{H264_PACKET}Plain"])
+def test_h264_packets_of_any_age(tmp_path: Path, kind: str) -> None:
+    """The type has had a number of 64 bits, of 32 bits and none, always under one name."""
+    encoded = [packets([pair[side] for pair in SCENES], "h264") for side in (0, 1)]
+    with BagWriter(tmp_path / "bag") as bag:
+        for n in range(len(SCENES)):
+            for side, which in enumerate(("links", "rechts")):
+                number = {} if kind.endswith("Plain") else {"seq": len(encoded[side][n])}  # to be taken for a length
+                time_ns = (10 + n) * 100 * MS
+                content = np.frombuffer(encoded[side][n], np.uint8)
+                made = MAKE(kind, header=header(MAKE, time_ns, "kamera"), data=content, **number)
+                data = messages.encode(made)[1]
+                bag.raw(RawMessage(f"/{which}/image_raw/h264", H264_PACKET, time_ns, data))
+    assert bag_info(tmp_path / "bag").reconstructable
+    with Recording(tmp_path / "bag") as recording:
+        for n in (0, 5, 2):
+            assert np.abs(recording[n].right.astype(float) - SCENES[n][1]).mean() < 12
+
+
+def test_topics_that_may_be_video_and_are_not_read_are_named() -> None:
+    listed = topics("/left/video", "/right/video", kind="tilk_msgs/msg/H264Frame") + topics("/x", kind="a/msg/Pose")
+    with pytest.raises(BagError) as error:
+        find_stereo_topics(listed)
+    assert "not read: /left/video (tilk_msgs/msg/H264Frame), /right/video" in str(error.value)
+    assert "Pose" not in str(error.value)
+
+
 def test_a_recording_that_begins_between_key_frames(tmp_path: Path) -> None:
     encoded = [packets([pair[side] for pair in SCENES], "h264") for side in (0, 1)]
     with BagWriter(tmp_path / "bag") as bag:
@@ -203,8 +296,6 @@ def test_video_without_its_key_frame_is_refused(tmp_path: Path) -> None:
 
 
 def _raw(topic: str, message: SimpleNamespace) -> object:
-    from uw_recon_ros.bags.model import RawMessage
-
     kind, data = messages.encode(message)
     return RawMessage(topic, kind, messages.stamp_ns(message), data)
 

@@ -20,25 +20,31 @@ from uw_recon_ros.messages.cameras import CAMERA_INFO
 from uw_recon_ros.messages.clouds import marker_without_corners
 from uw_recon_ros.messages.headers import header, stamp_ns
 from uw_recon_ros.messages.images import COMPRESSED_IMAGE, IMAGE, depth_from_message, image_from_message
-from uw_recon_ros.topics import FFMPEG_PACKET, FOXGLOVE_VIDEO
+from uw_recon_ros.topics import FFMPEG_PACKET, FOXGLOVE_VIDEO, H264_PACKET
 from uw_recon_ros.types import CameraModel, Surface
 
 __all__ = [
-    "CAMERA_INFO", "COMPRESSED_IMAGE", "FFMPEG_PACKET", "FOXGLOVE_VIDEO", "IMAGE", "IMAGES", "MAKE", "VIDEOS",
-    "BagFactory", "camera_info_message", "decode", "depth_from_message", "encode", "encode_surface",
+    "CAMERA_INFO", "COMPRESSED_IMAGE", "FFMPEG_PACKET", "FOXGLOVE_VIDEO", "H264_PACKET", "IMAGE", "IMAGES", "MAKE",
+    "VIDEOS", "BagFactory", "camera_info_message", "decode", "depth_from_message", "encode", "encode_surface",
     "image_from_message", "image_message", "pose_message", "stamp_ns", "typestore",
 ]  # fmt: skip
 
 
 #: Encoded video, a packet a message; both begin with a stamp and a frame's name, as a header does.
-VIDEOS = (FOXGLOVE_VIDEO, FFMPEG_PACKET)
+VIDEOS = (FOXGLOVE_VIDEO, FFMPEG_PACKET, H264_PACKET)
 #: All types that hold images.
 IMAGES = (IMAGE, COMPRESSED_IMAGE, *VIDEOS)
 _DEFINITIONS = {
     FOXGLOVE_VIDEO: "builtin_interfaces/Time timestamp\nstring frame_id\nuint8[] data\nstring format\n",
     FFMPEG_PACKET: "std_msgs/Header header\nint32 width\nint32 height\nstring encoding\nuint64 pts\nuint8 flags\n"
     "bool is_bigendian\nuint8[] data\n",
+    H264_PACKET: "std_msgs/Header header\nint64 seq\nuint8[] data\n",
+    f"{H264_PACKET}Short": "std_msgs/Header header\nint32 seq\nuint8[] data\n",
+    f"{H264_PACKET}Plain": "std_msgs/Header header\nuint8[] data\n",
 }
+#: What a type was earlier, under the same name; of one's bytes the others are too long or too short.
+_EARLIER = {H264_PACKET: (f"{H264_PACKET}Short", f"{H264_PACKET}Plain")}
+_UNFIT = (SerdeError, KeyError, ValueError, AssertionError, IndexError, OverflowError, struct.error)
 
 
 @cache
@@ -58,10 +64,13 @@ def decode(message: RawMessage) -> Any:
     BagError
         The type is not a standard one or the bytes do not fit it.
     """
-    try:
-        return typestore().deserialize_cdr(message.data, message.type)
-    except (SerdeError, KeyError, ValueError, AssertionError, IndexError, OverflowError, struct.error) as error:
-        raise BagError(f"{message.topic}: {len(message.data)} bytes are no {message.type} ({error})") from error
+    problem: Exception | None = None
+    for kind in (message.type, *_EARLIER.get(message.type, ())):
+        try:
+            return typestore().deserialize_cdr(message.data, kind)
+        except _UNFIT as error:
+            problem = problem or error
+    raise BagError(f"{message.topic}: {len(message.data)} bytes are no {message.type} ({problem})") from problem
 
 
 class BagFactory:

@@ -22,6 +22,8 @@ from uw_recon_ros.types import CameraModel, StereoCalibration, StereoPair
 #: What a simulator knows and no camera says.
 _TRUTH = re.compile(r"(^|[/_])(truth|ground_truth|gt)([/_]|$)", re.IGNORECASE)
 _DERIVED = re.compile(r"depth|disparity|truth|enhanced|matching|mask|status|sigma|debug(?!_)|theora|aligned")
+_IMAGE_LIKE = re.compile(r"image|video|h26|packet|jpeg|frame(?!id)", re.IGNORECASE)
+_KINDS = {"image", "images", "img", "raw", "rect", "rectified", "color", "colour", "mono", "gray", "grey", "rgb", "bgr"}
 _PREFERRED = ("image_raw", "image", "image_color", "image_mono")
 
 
@@ -85,7 +87,13 @@ def _named(name: str, topics: Sequence[TopicInfo]) -> TopicInfo:
 
 def _list_images(topics: Iterable[TopicInfo]) -> str:
     images = [f"{t.name} ({t.count})" for t in topics if t.type in IMAGES]
-    return ", ".join(images) if images else "no image topics"
+    unread = [f"{t.name} ({t.type})" for t in topics if t.type not in IMAGES and _IMAGE_LIKE.search(_type(t))]
+    told = ", ".join(images) if images else "no image topics"
+    return f"{told}; of types that are not read: {', '.join(unread)}" if unread else told
+
+
+def _type(topic: TopicInfo) -> str:
+    return topic.type.rsplit("/", 1)[-1]
 
 
 def find_stereo_topics(topics: Sequence[TopicInfo], left: str | None = None, right: str | None = None) -> StereoTopics:
@@ -170,11 +178,18 @@ def _best(found: list[tuple[int, TopicInfo, TopicInfo]], told: bool) -> tuple[To
 
 
 def _rig(left: TopicInfo, right: TopicInfo) -> tuple[str, str]:
-    """What all topics of one rig share: where the cameras' names differ, up to there."""
+    """What all topics of one rig share: names up to where the cameras' differ, without words for kinds of images."""
     one, other = _image_base(left).split("/"), _image_base(right).split("/")
     differ = [place for place, (a, b) in enumerate(zip(one, other, strict=False)) if a.lower() != b.lower()]
-    last = differ[-1] + 1 if differ and differ[-1] < len(one) - 1 else len(one) - 1
-    return "/".join(one[:last]), "/".join(other[:last])
+    last = differ[-1] if differ else len(one) - 1
+    if last < len(one) - 1:
+        return "/".join(one[: last + 1]), "/".join(other[: last + 1])
+    return _without_kind(one), _without_kind(other)
+
+
+def _without_kind(parts: list[str]) -> str:
+    words = re.findall(r"[a-z]+|[0-9]+", re.sub(r"(?<=[a-z])(?=[A-Z])", "_", parts[-1]).lower())
+    return "/".join([*parts[:-1], *(word for word in words if word not in _KINDS)])
 
 
 class CameraInfoCache:

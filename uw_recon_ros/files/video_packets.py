@@ -65,6 +65,8 @@ def video_codec(message: Any) -> str | None:
 
 
 def _told(message: Any) -> str:
+    if str(getattr(message, "__msgtype__", "")).startswith("h264_msgs/"):
+        return "h264"
     return str(message.encoding if hasattr(message, "pts") else getattr(message, "format", ""))
 
 

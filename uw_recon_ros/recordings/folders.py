@@ -29,11 +29,11 @@ def camera_folders(path: Path) -> tuple[tuple[Path, Path] | None, list[str]]:
         Several rigs are named equally well.
     """
     folders = {child.name: child for child in path.iterdir() if child.is_dir()}
-    found = _disjoint(pairs_of(list(folders)))
-    if not found:
+    named = pairs_of(list(folders))
+    if not named:
         return None, []
-    grade = found[0][0]
-    equal = [pair for pair in found if pair[0] == grade]
+    found, grade = _disjoint(named), named[0][0]
+    equal = [pair for pair in named if pair[0] == grade]  # of a row of cameras, too, nobody knows which two are the rig
     if len(equal) > 1:
         told = "; ".join(f"{left} and {right}" for _, left, right in equal)
         raise BagError(
@@ -123,13 +123,12 @@ def flat_pairs(paths: Iterable[Path]) -> tuple[list[Path], list[Path]] | None:
     """Files of one folder whose names tell the camera (``dive_0001_L.jpg``), left and right; None: they do not."""
     files = sorted(paths, key=natural_order)
     known = {path.name.lower(): path for path in files}
-    for grade in range(NUMBERED if files else 0):
-        left = [
-            (path, known[other])
-            for path in files
-            for other, g in partners(path.name).items()
-            if g == grade and other in known
-        ]
-        if 2 * len(left) > 0.5 * len(files):
-            return [path for path, _ in left], [path for _, path in left]
+    by_grade: dict[int, list[tuple[Path, Path]]] = {}
+    for path in files:
+        for other, grade in partners(path.name).items():
+            if grade < NUMBERED and other in known:
+                by_grade.setdefault(grade, []).append((path, known[other]))
+    for _, found in sorted(by_grade.items()):
+        if 2 * len(found) > 0.5 * len(files):
+            return [left for left, _ in found], [right for _, right in found]
     return None
