@@ -19,6 +19,7 @@ from uw_recon_ros.board_kinds import APRILGRID, CHARUCO, CHECKERBOARD
 from uw_recon_ros.boards import Board
 from uw_recon_ros.calibrate.advice import CalibrationSession, advise, describe
 from uw_recon_ros.calibrate.bundle import SeenPair
+from uw_recon_ros.calibrate.coverage import corners_covered, covered
 from uw_recon_ros.calibrate.depth_error import DepthError, HeldOut, depth_errors_by_range, held_out
 from uw_recon_ros.calibrate.detect import Sighting, find_board, find_checkerboard_size
 from uw_recon_ros.calibrate.fit import LEAST_PAIRS, Fit, LeftOut, baseline_sigma, solve, turned_over
@@ -441,6 +442,10 @@ def report_of(result: Result) -> dict[str, Any]:
         "rms_px": bundle.rms_px,
         "noise_px": bundle.noise_px,
         "held_out": None if result.held is None else vars(result.held),
+        "coverage": {
+            side: {"image": covered(near), "corners": corners_covered(near)}
+            for side, near in zip(("left", "right"), result.session.near, strict=True)
+        },
         "depth_errors": [
             {name: finite(value) for name, value in vars(error).items()} for error in result.errors
         ],

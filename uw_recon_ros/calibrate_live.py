@@ -10,17 +10,18 @@ import numpy as np
 
 from uw_recon_ros.board_kinds import CHECKERBOARD
 from uw_recon_ros.boards import Board
-from uw_recon_ros.calibrate.advice import cell_counts, covered, emptiest
+from uw_recon_ros.calibrate.advice import lacking
 from uw_recon_ros.calibrate.bundle import SeenPair
+from uw_recon_ros.calibrate.coverage import covered, near_points
 from uw_recon_ros.calibrate.detect import Sighting, find_board
 from uw_recon_ros.calibrate.pair_selection import seen_before, unseen_reason
 from uw_recon_ros.calibrate_files import BoardAsked, Result, Seen, calibrate_seen, made_board
 from uw_recon_ros.errors import CalibrationError
 from uw_recon_ros.findings import Code
-from uw_recon_ros.types import ByteImage, Matrix
+from uw_recon_ros.types import ByteImage, Mask
 
 _SHOWN_PX = 640  # width of either picture
-_DOT, _LINE, _SEEN = (60, 220, 255), (90, 90, 90), (70, 140, 40)  # BGR
+_DOT, _SEEN = (60, 220, 255), (70, 140, 40)  # BGR
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,22 +98,19 @@ class LiveSession:
         return ""
 
     @property
-    def counts(self) -> tuple[Matrix, Matrix]:
-        """Points seen in each part of the left and of the right image."""
-        pairs = list(self.pairs)
-        if not pairs:
-            return np.zeros((4, 5)), np.zeros((4, 5))
-        left, right = (cell_counts([getattr(p, side) for p in pairs], self.size) for side in ("left", "right"))
+    def near(self) -> tuple[Mask, Mask]:
+        """What of the left and of the right image is near a point of the board, see `calibrate.coverage`."""
+        pairs, size = list(self.pairs), self.size if self.pairs else (4, 3)
+        left, right = (near_points([getattr(p, side) for p in pairs], size) for side in ("left", "right"))
         return left, right
 
     def advice(self) -> str:
         """What to do next, in a few words."""
-        left, right = self.counts
         if not self.pairs:
             return "hold the board before both cameras"
-        worst = min((left, right), key=covered)
-        if covered(worst) < 1:
-            return f"hold the board towards the {emptiest(worst)}, tilted"
+        bare = lacking(min(self.near, key=covered)) or lacking(max(self.near, key=covered))
+        if bare:
+            return f"hold the board towards the {bare}, tilted"
         return "tilt the board to all sides, near and far"
 
     def solve(self) -> Result:
@@ -133,7 +131,7 @@ class LiveSession:
 
 def annotated(seen: Seen, looked: Looked, session: LiveSession) -> ByteImage:
     """Both pictures side by side, (H, W, 3) RGB: parts that are covered, the board's points, what to do."""
-    sides = zip((seen.left, seen.right), (looked.left, looked.right), session.counts, strict=True)
+    sides = zip((seen.left, seen.right), (looked.left, looked.right), session.near, strict=True)
     shown = np.hstack([_side(*side) for side in sides])
     words = f"{len(session.pairs)} pairs. {looked.note or 'kept'}; {session.advice()}"
     bar = np.full((28, shown.shape[1], 3), 30, np.uint8)
@@ -141,20 +139,12 @@ def annotated(seen: Seen, looked: Looked, session: LiveSession) -> ByteImage:
     return np.ascontiguousarray(np.vstack([bar, shown])[..., ::-1])
 
 
-def _side(gray: ByteImage, sighting: Sighting | None, counts: Matrix) -> ByteImage:
+def _side(gray: ByteImage, sighting: Sighting | None, near: Mask) -> ByteImage:
     scale = min(_SHOWN_PX / gray.shape[1], 1.0)
     small = cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     picture = np.asarray(cv2.cvtColor(small, cv2.COLOR_GRAY2BGR), np.uint8)
-    rows, columns = counts.shape
-    edges_v = np.linspace(0, picture.shape[0], rows + 1).astype(int)
-    edges_u = np.linspace(0, picture.shape[1], columns + 1).astype(int)
-    for row, column in np.argwhere(counts > 0):
-        part = slice(edges_v[row], edges_v[row + 1]), slice(edges_u[column], edges_u[column + 1])
-        picture[part] = (0.75 * picture[part] + 0.25 * np.array(_SEEN)).astype(np.uint8)
-    for edge in edges_v[1:-1]:
-        cv2.line(picture, (0, int(edge)), (picture.shape[1], int(edge)), _LINE, 1)
-    for edge in edges_u[1:-1]:
-        cv2.line(picture, (int(edge), 0), (int(edge), picture.shape[0]), _LINE, 1)
+    shown = cv2.resize(near.astype(np.uint8), picture.shape[1::-1], interpolation=cv2.INTER_NEAREST) > 0
+    picture[shown] = (0.75 * picture[shown] + 0.25 * np.array(_SEEN)).astype(np.uint8)
     for u, v in () if sighting is None else np.rint(scale * sighting.pixels).astype(int):
         cv2.circle(picture, (int(u), int(v)), 3, _DOT, -1, cv2.LINE_AA)
     return picture

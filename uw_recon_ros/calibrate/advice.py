@@ -9,13 +9,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from uw_recon_ros.calibrate.bundle import Bundle, SeenPair
+from uw_recon_ros.calibrate.coverage import corners_covered, covered, emptiest, near_points
 from uw_recon_ros.calibrate.depth_error import DepthError, HeldOut
-from uw_recon_ros.calibrate.detect import Sighting
 from uw_recon_ros.findings import Code, Finding, Severity
-from uw_recon_ros.types import Matrix
+from uw_recon_ros.types import Mask, Matrix
 
-_CELLS = (5, 4)  # of an image, across and down
-_COVERED = 0.8  # share of the cells that should have seen the board
+_CELLS = (5, 4)  # of an image, across and down, in which residuals are averaged
+_COVERED, _CORNER_COVERED = 0.75, 0.25  # of an image and of each of its corners: near points of the board
 _TILTED_DEG = 15.0  # mean angle between board and image that tells focal length from distance
 _PAIRS = 15
 _GOOD_PERCENT, _POOR_PERCENT = 1.0, 5.0  # of depth, over the whole view
@@ -30,13 +30,13 @@ class CalibrationSession:
 
     Parameters
     ----------
-    coverage : two of (rows, columns) int
-        Points seen in each cell of the left and of the right image.
+    near : two of (rows, columns) bool
+        What of the left and of the right image is near a point of the board, see `coverage`.
     tilt_deg, distance_m : (P,) float64
         Of every pair: between the board and the left image plane; of the board's middle.
     """
 
-    coverage: tuple[Matrix, Matrix]
+    near: tuple[Mask, Mask]
     tilt_deg: Matrix
     distance_m: Matrix
 
@@ -46,17 +46,8 @@ def describe(bundle: Bundle, pairs: Sequence[SeenPair], points: Matrix, size: tu
     turns = Rotation.from_rotvec(bundle.poses[:, :3])
     middles = turns.apply(points.mean(axis=0)) + bundle.poses[:, 3:]
     tilt = np.rad2deg(np.arccos(np.clip(np.abs(turns.as_matrix()[:, 2, 2]), 0, 1)))
-    left, right = (cell_counts(sightings, size) for sightings in ([p.left for p in pairs], [p.right for p in pairs]))
+    left, right = (near_points(sightings, size) for sightings in ([p.left for p in pairs], [p.right for p in pairs]))
     return CalibrationSession((left, right), tilt, np.linalg.norm(middles, axis=1))
-
-
-def cell_counts(sightings: Sequence[Sighting], size: tuple[int, int]) -> Matrix:
-    """(rows, columns) points seen in each part of an image."""
-    everything = np.concatenate([sighting.pixels for sighting in sightings])
-    counts, _, _ = np.histogram2d(
-        everything[:, 1], everything[:, 0], bins=(_CELLS[1], _CELLS[0]), range=((0, size[1]), (0, size[0]))
-    )
-    return np.asarray(counts, np.float64)
 
 
 def advise(
@@ -92,28 +83,24 @@ def _depth(errors: Sequence[DepthError], pairs: int) -> Iterator[Finding]:
 
 
 def _coverage(session: CalibrationSession) -> Iterator[Finding]:
-    for side, counts in zip(("left", "right"), session.coverage, strict=True):
-        share = covered(counts)
-        if share < _COVERED:
-            text = f"{side} image: the board was seen in {share:.0%} of its parts, expected at least {_COVERED:.0%}"
-            advice = f"hold the board towards the {emptiest(counts)}"
-            yield Finding(Code.CALIBRATE_COVERAGE, text, Severity.WARN, advice)
+    for side, near in zip(("left", "right"), session.near, strict=True):
+        bare = lacking(near)
+        if not bare:
+            continue
+        corners = ", ".join(f"{name} {share:.0%}" for name, share in corners_covered(near).items())
+        text = (
+            f"{side} image: {covered(near):.0%} of it lies near points of the board (its corners: {corners}), expected "
+            f"at least {_COVERED:.0%} and {_CORNER_COVERED:.0%} of each corner"
+        )
+        yield Finding(Code.CALIBRATE_COVERAGE, text, Severity.WARN, f"hold the board towards the {bare}")
 
 
-def covered(counts: Matrix) -> float:
-    """Share of an image's parts in which the board was seen, 0 to 1."""
-    return float((counts > 0).mean())
-
-
-def emptiest(counts: Matrix) -> str:
-    """The quarter of the image with the most empty cells."""
-    rows, columns = counts.shape
-    down, across = (rows + 1) // 2, (columns + 1) // 2
-    parts = {
-        "upper left": counts[:down, :across], "upper right": counts[:down, -across:],
-        "lower left": counts[-down:, :across], "lower right": counts[-down:, -across:],
-    }  # fmt: skip
-    return max(parts, key=lambda name: float((parts[name] == 0).mean()))
+def lacking(near: Mask) -> str:
+    """The corners of an image that the board should be held towards, in words; empty: it is covered."""
+    bare = [name for name, share in corners_covered(near).items() if share < _CORNER_COVERED]
+    if not bare and covered(near) < _COVERED:
+        bare = [emptiest(near)]
+    return " and the ".join(bare)
 
 
 def _tilt(session: CalibrationSession) -> Iterator[Finding]:

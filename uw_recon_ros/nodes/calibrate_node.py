@@ -22,7 +22,7 @@ from typing import Any
 from std_srvs.srv import Trigger
 
 from uw_recon_ros import stop_signals
-from uw_recon_ros.calibrate.advice import covered
+from uw_recon_ros.calibrate.coverage import covered
 from uw_recon_ros.calibrate.fit import LEAST_PAIRS
 from uw_recon_ros.calibrate_files import BoardAsked, Seen, write_result
 from uw_recon_ros.calibrate_live import LiveSession, Looked, annotated
@@ -113,7 +113,7 @@ class CalibrateNode(StageNode[CalibrateStage]):
         return pair.stamp_ns
 
     def _tell(self, session: LiveSession, looked: Looked) -> None:
-        left, right = session.counts
+        left, right = session.near
         self.diagnostics.say(
             pairs=len(session.pairs), coverage_left=f"{covered(left):.2f}", coverage_right=f"{covered(right):.2f}",
             board=session.board or "not found yet", last_pair=looked.note or "kept", advice=session.advice(),

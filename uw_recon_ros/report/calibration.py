@@ -44,8 +44,9 @@ def write_calibration_page(
     """
     size = int(report["image_width"]), int(report["image_height"])
     sections = [
-        _depth(report), _advice(report), _coverage(points, size), _residuals(points, size, float(report["noise_px"])),
-        _ports(report), _numbers(report), _pairs(report), _left_out(report, notes),
+        _depth(report), _advice(report), _coverage(report, points, size),
+        _residuals(points, size, float(report["noise_px"])), _ports(report), _numbers(report), _pairs(report),
+        _left_out(report, notes),
     ]  # fmt: skip
     write_page(path, "Calibration of a stereo rig", _summary(report), [s for s in sections if s is not None])
 
@@ -116,13 +117,23 @@ def _advice(report: Mapping[str, Any]) -> Section:
     return Section("Held-out pairs", text, rows=rows)
 
 
-def _coverage(points: tuple[Points, Points], size: tuple[int, int]) -> Section:
+def _coverage(report: Mapping[str, Any], points: tuple[Points, Points], size: tuple[int, int]) -> Section:
     figures = [
         Figure(_dots(side, size), name, f"{sum(len(pixels) for pixels, _ in side)} points, a colour for each pair.")
         for name, side in zip(("Left image", "Right image"), points, strict=True)
     ]
-    text = "Where the board was seen. Empty corners are where depth is least known."
-    return Section("Coverage", text, figures)
+    text = (
+        "Where the board was seen, and how much of each image lies near its points: within 5 % of the image's "
+        "diagonal. A corner is a fifth of the image wide and high. Empty corners are where depth is least known."
+    )
+    told = report["coverage"]
+    names = ("image", *told["left"]["corners"])
+    rows = [
+        (f"{name} corner" if name in told["left"]["corners"] else "whole image",
+         *(f"{told[side]['corners'].get(name, told[side]['image']):.0%}" for side in ("left", "right")))
+        for name in names
+    ]  # fmt: skip
+    return Section("Coverage", text, figures, rows, ("near points of the board", "left", "right"))
 
 
 def _sheet(size: tuple[int, int]) -> tuple[ByteImage, float]:
