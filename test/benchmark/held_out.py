@@ -64,11 +64,11 @@ class Scene:
     seen: NDArray[np.bool_]
 
 
-def scenes() -> Iterator[Scene]:
-    """All of them; without the Middlebury pairs, the dives alone."""
+def scenes(drowned: bool = True) -> Iterator[Scene]:
+    """All of them; without `drowned` or the Middlebury pairs, the dives alone."""
     for name, choice in DIVES.items():
         yield _dive(name, SimulateParams(misalignment_deg=0.0, distortion=0.0, frames=1, **choice))
-    for pair in pairs():
+    for pair in pairs() if drowned else ():
         if pair.name in ("venus", "cones"):
             for water, coefficients in DROWNED.items():
                 yield Scene(f"{pair.name}, {water}", *drown(pair, coefficients, seed=7), pair.disparity, pair.mask)

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from drowned_pairs import STEREO, WATERS, drown, pairs
+from drowned_pairs import STEREO, THIRDS, WATERS, drown, pairs
 from numpy.typing import NDArray
 from simulated_frames import rectified_frames
 
@@ -18,9 +18,10 @@ Image = NDArray[np.uint8]
 
 def middlebury_under_water(water: str) -> Iterator[tuple[str, Image, Image, NDArray[np.float32]]]:
     """Name, mono images, true disparity of the left one (NaN = unknown)."""
-    if not STEREO.is_dir():
-        pytest.skip(f"{STEREO} is not here")
-    for truth in pairs():
+    for folder in (STEREO, THIRDS):
+        if not folder.is_dir():
+            pytest.skip(f"{folder} is not here")
+    for truth in (*pairs(), *pairs(THIRDS)):
         left, right = (to_gray(view) for view in drown(truth, WATERS[water]))
         yield truth.name, left, right, np.where(truth.mask, truth.disparity, np.float32(np.nan))
 

@@ -21,7 +21,9 @@ Words = NDArray[np.uint64]
 Sums = NDArray[np.uint16]
 
 
-def coarse_disparities(left: ByteImage, right: ByteImage) -> tuple[NDArray[np.int32], float, int]:
+def coarse_disparities(
+    left: ByteImage, right: ByteImage, at_width: int = COARSE_WIDTH
+) -> tuple[NDArray[np.int32], float, int]:
     """Disparities of what matches beyond doubt at a small scale.
 
     Census windows (which do not mind brightness), summed over blocks, over all disparities up to half the width in
@@ -31,6 +33,8 @@ def coarse_disparities(left: ByteImage, right: ByteImage) -> tuple[NDArray[np.in
     Parameters
     ----------
     left, right : (H, W) uint8
+    at_width : int
+        Of the small images, at most, px.
 
     Returns
     -------
@@ -41,7 +45,7 @@ def coarse_disparities(left: ByteImage, right: ByteImage) -> tuple[NDArray[np.in
     textured : int
         How many pixels of the small left image could have counted.
     """
-    scale = max(1.0, left.shape[1] / COARSE_WIDTH)
+    scale = max(1.0, left.shape[1] / at_width)
     small_left, small_right = (_shrink(image, scale) for image in (left, right))
     reach = small_left.shape[1] // 2
     costs = _block_costs(_census(small_left), _census(small_right), reach)
