@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 from drowned_pairs import STEREO, THIRDS, Image, pairs
@@ -44,7 +45,7 @@ def out_of_order(bad: dict[str, float]) -> list[str]:
     mine = [method for method in OURS if method in bad]
     worse = [
         f"{longer.split()[1]} over {shorter.split()[1]}"
-        for shorter, longer in zip(mine, mine[1:], strict=False)
+        for shorter, longer in pairwise(mine)
         if bad[longer] > bad[shorter] + SLACK
     ]
     peers = [bad[method] for method in PEERS if method in bad]
