@@ -15,14 +15,14 @@ def label_pieces(disparity: FloatImage, max_jump_px: float) -> NDArray[np.int32]
     Parameters
     ----------
     disparity : (H, W) float32
-        px; NaN = invalid, a piece of its own.
+        px; NaN = invalid.
     max_jump_px : float
         Two 4-neighbours belong together when they differ by no more.
 
     Returns
     -------
     (H, W) int32
-        The same number all over a piece, less than H W; not every number is used.
+        The same number all over a piece, from 1 on without a gap; 0 where invalid.
     """
     return _label(np.ascontiguousarray(disparity, np.float32), np.float32(max_jump_px))
 
@@ -46,7 +46,7 @@ def _join(parent: NDArray[np.int32], a: int, b: int) -> None:
 
 @kernel
 def _label(disparity: FloatImage, max_jump: np.float32) -> NDArray[np.int32]:
-    """Union-find over 4-neighbours; a label is the index of the piece's first pixel. NaN joins nothing."""
+    """Union-find over 4-neighbours, then numbers in the order of the pieces' first pixels. NaN joins nothing."""
     height, width = disparity.shape
     parent = np.arange(height * width).astype(np.int32)
     for v in range(height):
@@ -56,6 +56,13 @@ def _label(disparity: FloatImage, max_jump: np.float32) -> NDArray[np.int32]:
                 _join(parent, here, here - 1)
             if v > 0 and abs(disparity[v, u] - disparity[v - 1, u]) <= max_jump:
                 _join(parent, here, here - width)
+    number, flat = np.int32(0), disparity.ravel()
     for index in range(height * width):
-        parent[index] = _root(parent, index)
+        if not np.isfinite(flat[index]):
+            parent[index] = 0
+        elif parent[index] == index:
+            number += 1
+            parent[index] = number
+        else:
+            parent[index] = parent[parent[index]]
     return parent.reshape(height, width)

@@ -152,7 +152,10 @@ def _explains(fitted: Floats, seen: _Points) -> bool:
 def _even(image: ByteImage) -> ByteImage:
     """Gray, of even brightness and contrast: the cameras may be exposed differently."""
     gray = (image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)).astype(np.float32)
-    fine = gray - cv2.GaussianBlur(gray, (0, 0), LEVEL_WINDOW / 4)
+    level = cv2.GaussianBlur(
+        cv2.resize(gray, None, fx=1 / 4, fy=1 / 4, interpolation=cv2.INTER_AREA), (0, 0), LEVEL_WINDOW / 16
+    )
+    fine = gray - cv2.resize(level, gray.shape[::-1])
     return np.asarray((128 + 32 * fine / max(float(fine.std()), 1.0)).clip(0, 255), np.uint8)
 
 

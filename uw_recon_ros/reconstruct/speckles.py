@@ -28,19 +28,19 @@ def find_speckles(disparity: FloatImage, max_jump_px: float, min_area_px: int) -
     """
     if min_area_px <= 1:
         return np.zeros(disparity.shape, np.bool_)
-    disparity = np.ascontiguousarray(disparity, np.float32)
-    speckles = np.empty(disparity.shape, np.bool_)
-    _mark_small(disparity, label_pieces(disparity, max_jump_px), min_area_px, speckles)
+    labels = label_pieces(disparity, max_jump_px)
+    speckles = np.empty(labels.shape, np.bool_)
+    _mark_small(labels, min_area_px, np.zeros(int(labels.max()) + 1, np.int32), speckles)
     return speckles
 
 
-@kernel
-def _mark_small(disparity: FloatImage, labels: NDArray[np.int32], min_area: int, speckles: Mask) -> None:
+@kernel(allocates=False)
+def _mark_small(labels: NDArray[np.int32], min_area: int, area: NDArray[np.int32], speckles: Mask) -> None:
     height, width = labels.shape
-    area = np.zeros(height * width, np.int32)
     for v in range(height):
         for u in range(width):
             area[labels[v, u]] += 1
+    area[0] = min_area
     for v in range(height):
         for u in range(width):
-            speckles[v, u] = area[labels[v, u]] < min_area and np.isfinite(disparity[v, u])
+            speckles[v, u] = area[labels[v, u]] < min_area

@@ -59,11 +59,11 @@ def noise_to_contrast(gray: FloatImage) -> float:
     if min(gray.shape) < _CONTRAST_WINDOW:
         return 0.0
     kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
-    spread = _some(_spread(gray))
+    spread = some(_spread(gray))
     uneven = spread > _ONE_VALUE
     if not uneven.any():
         return 0.0
-    noise = np.median(np.abs(_some(np.asarray(cv2.filter2D(gray, -1, kernel), np.float32)))[uneven]) / 0.6745 / 6
+    noise = np.median(np.abs(some(np.asarray(cv2.filter2D(gray, -1, kernel), np.float32)))[uneven]) / 0.6745 / 6
     return float(noise / max(float(np.median(spread[uneven])), 1e-3))
 
 
@@ -72,7 +72,7 @@ def local_contrast(gray: FloatImage | Gray) -> float:
 
     Where half an image is burnt out or black, the median of all windows would be that of nothing: 0.
     """
-    spread = _some(_spread(gray))
+    spread = some(_spread(gray))
     uneven = spread > _ONE_VALUE
     return float(np.median(spread[uneven])) if uneven.any() else 0.0
 
@@ -84,7 +84,7 @@ def _spread(gray: FloatImage | Gray) -> FloatImage:
     return np.asarray(np.sqrt(np.maximum(cv2.blur(values * values, window) - mean * mean, 0)), np.float32)
 
 
-def _some(values: FloatImage) -> FloatImage:
+def some(values: FloatImage | Gray) -> FloatImage:
     """Every n-th pixel of every n-th row; n is odd, for what sensors do to colours has a period of two."""
     step = 2 * (math.isqrt(values.size // _SAMPLES) // 2) + 1
     return np.asarray(values[::step, ::step], np.float32)
@@ -103,4 +103,4 @@ def _normalise(image: ByteImage, noise: float) -> Gray:
     if noise * SMOOTHING > 0.1:
         gray = np.asarray(cv2.GaussianBlur(gray, (0, 0), noise * SMOOTHING), np.float32)
     gain = CONTRAST / max(local_contrast(gray), LEAST_CONTRAST)
-    return np.asarray(np.round((gray - np.median(_some(gray))) * gain).clip(-MOST, MOST), np.int16)
+    return np.asarray(np.round((gray - np.median(some(gray))) * gain).clip(-MOST, MOST), np.int16)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from uw_recon_ros.jit import kernel
 from uw_recon_ros.match.planes.census import Words, census_words
 from uw_recon_ros.match.planes.cost_volume import Volume, fill_costs
-from uw_recon_ros.match.planes.gray import LEVELS, Gray
+from uw_recon_ros.match.planes.gray import LEVELS, MOST, Gray
 from uw_recon_ros.match.planes.thread_pool import row_bands, run_parallel
 from uw_recon_ros.types import ByteImage, FloatImage
 
@@ -34,6 +34,10 @@ class Paths(NamedTuple):
         The least of these.
     along : (2, labels + 2) int16
         Of the path along the row.
+    added : (labels,) uint8
+        By the second half's paths, at a pixel.
+    totals : (W labels,) int16
+        Of a row: the sums of all paths.
     best_right, label_right : (W,) int16, int32
         See `_winners`.
     """
@@ -41,6 +45,8 @@ class Paths(NamedTuple):
     costs: Sums
     least: Sums
     along: Sums
+    added: Volume
+    totals: Sums
     best_right: Sums
     label_right: NDArray[np.int32]
 
@@ -50,9 +56,9 @@ class Paths(NamedTuple):
         costs, along = np.zeros((2, 3, width + 2, labels + 2), np.int16), np.zeros((2, labels + 2), np.int16)
         for edge in (0, labels + 1):
             costs[..., edge] = along[:, edge] = _UNREACHED
-        return cls(
-            costs, np.zeros((2, 3, width + 2), np.int16), along, np.empty(width, np.int16), np.empty(width, np.int32)
-        )
+        least, added = np.zeros((2, 3, width + 2), np.int16), np.empty(labels, np.uint8)
+        best, label = np.empty(width, np.int16), np.empty(width, np.int32)
+        return cls(costs, least, along, added, np.empty(width * labels, np.int16), best, label)
 
 
 class Start(NamedTuple):
@@ -72,19 +78,31 @@ class Start(NamedTuple):
 
 def jump_penalties(gray: Gray) -> NDArray[np.int16]:
     """Penalties towards the four predecessors of either direction of scanning, (2, 4, H, W), lower across edges."""
-    g = gray // np.int16(LEVELS)
-    penalties = np.full((2, 4, *g.shape), JUMP, np.int16)
-
-    def between(difference: NDArray[np.int16]) -> NDArray[np.int16]:
-        lowered = np.maximum(JUMP * EDGE // (EDGE + np.abs(difference.astype(np.int32))), STEP + STEP // 2)
-        return np.asarray(lowered.astype(np.int16))
-
-    along, down = between(g[:, 1:] - g[:, :-1]), between(g[1:] - g[:-1])
-    falling, rising = between(g[1:, 1:] - g[:-1, :-1]), between(g[1:, :-1] - g[:-1, 1:])
-    forward, backward = penalties
-    forward[0, :, 1:], forward[1, 1:, 1:], forward[2, 1:], forward[3, 1:, :-1] = along, falling, down, rising
-    backward[0, :, :-1], backward[1, :-1, :-1], backward[2, :-1], backward[3, :-1, 1:] = along, falling, down, rising
+    penalties = np.full((2, 4, *gray.shape), JUMP, np.int16)
+    apart = np.arange(2 * MOST // LEVELS + 2)
+    table = np.maximum(JUMP * EDGE // (EDGE + apart), STEP + STEP // 2).astype(np.int16)
+    _fill_penalties(gray // np.int16(LEVELS), table, penalties[0], penalties[1])
     return penalties
+
+
+@kernel(allocates=False)
+def _fill_penalties(
+    levels: Gray, table: NDArray[np.int16], forward: NDArray[np.int16], backward: NDArray[np.int16]
+) -> None:
+    """From a pixel to its four predecessors and back the difference is the same."""
+    height, width = levels.shape
+    for v in range(height):
+        for u in range(width):
+            here = levels[v, u]
+            if u > 0:
+                forward[0, v, u] = backward[0, v, u - 1] = table[abs(here - levels[v, u - 1])]
+            if v == 0:
+                continue
+            if u > 0:
+                forward[1, v, u] = backward[1, v - 1, u - 1] = table[abs(here - levels[v - 1, u - 1])]
+            forward[2, v, u] = backward[2, v - 1, u] = table[abs(here - levels[v - 1, u])]
+            if u < width - 1:
+                forward[3, v, u] = backward[3, v - 1, u + 1] = table[abs(here - levels[v - 1, u + 1])]
 
 
 @kernel(allocates=False)
@@ -96,15 +114,15 @@ def aggregate(
     backward: bool,
     second: bool,
     paths: Paths,
-    sums: Sums,
+    sums: Volume,
     disparity: FloatImage,
     right: FloatImage,
 ) -> None:
     """Extend four paths that arrive from above (backward: from below) over one half of the rows.
 
-    The first half's costs are written into `sums`. The second half's are added to what the paths of the other
-    direction have left there, and each row that is complete then names its winners: so the sums are written and read
-    once.
+    What the first half's cost is written into `sums`. The second half's is added to what the paths of the other
+    direction have left there, and each row that is complete then names its winners. So the sums are written and read
+    once, and take a byte a voxel (four paths' costs beyond the match, see `_in_units`): moving them takes the time.
     """
     height, width = penalties.shape[1], penalties.shape[2]
     half = height - height // 2 if backward else height // 2
@@ -118,10 +136,9 @@ def aggregate(
         for j in range(width):
             u = width - 1 - j if backward else j
             at = (v * width + u) * labels
-            voxels, total = costs[at : at + labels], sums[at : at + labels]
-            if not second:
-                for k in range(labels):
-                    total[k] = 0
+            voxels, first = costs[at : at + labels], sums[at : at + labels]
+            total = paths.added if second else first
+            total[:] = 0
             jump = np.int16(penalties[0, v, u] + below_beside)
             below_beside = _extend(voxels, beside, below_beside, jump, here, total)
             beside, here = here, beside
@@ -129,24 +146,43 @@ def aggregate(
                 below = least_before[p, j + p]
                 jump = np.int16(penalties[1 + p, v, u] + below)
                 least_now[p, j + 1] = _extend(voxels, before[p, j + p], below, jump, now[p, j + 1], total)
+            if second:
+                _join(voxels, first, total, paths.totals[u * labels : (u + 1) * labels])
         if second:
-            row = sums[v * width * labels : (v + 1) * width * labels]
-            _winners(row, low, labels, paths.best_right, paths.label_right, disparity[v], right[v])
+            _winners(paths.totals, low, labels, paths.best_right, paths.label_right, disparity[v], right[v])
 
 
 @kernel(allocates=False)
-def _extend(costs: Volume, before: Sums, below: np.int16, jump: np.int16, now: Sums, total: Sums) -> np.int16:
+def _extend(costs: Volume, before: Sums, below: np.int16, jump: np.int16, now: Sums, total: Volume) -> np.int16:
     """Path costs of one pixel from those of its predecessor, whose least is `below`; returns their least."""
     least: np.int16 = np.int16(_UNREACHED)
     step = np.int16(STEP)
     for k in range(costs.size):
         neighbours = np.int16(min(before[k], before[k + 2]) + step)
         best = min(min(before[k + 1], jump), neighbours)
-        best = np.int16(np.int16(best - below) + np.int16(costs[k]))
+        beyond = np.int16(best - below)
+        total[k] = np.uint8(
+            total[k] + np.uint8(np.int16(np.int16(beyond * np.int16(50)) + np.int16(128)) >> np.int16(8))
+        )
+        best = np.int16(beyond + np.int16(costs[k]))
         now[k + 1] = best
-        total[k] = np.int16(total[k] + best)
         least = min(least, best)
     return least
+
+
+@kernel(allocates=False)
+def _in_units(beyond: np.int16) -> np.uint8:
+    """What a path costs beyond the match, at most `JUMP`, in units of 256 / 50."""
+    units: np.uint8 = np.uint8(np.int16(np.int16(beyond * np.int16(50)) + np.int16(128)) >> np.int16(8))
+    return units
+
+
+@kernel(allocates=False)
+def _join(costs: Volume, first: Volume, second: Volume, total: Sums) -> None:
+    """The costs of all eight paths through one pixel, each with that of the match, in a 16th of those units."""
+    for k in range(costs.size):
+        beyond = np.int16(np.int16(first[k]) + np.int16(second[k]))
+        total[k] = np.int16(np.int16(beyond << np.int16(4)) + np.int16(np.int16(costs[k]) * np.int16(25)))
 
 
 @kernel(allocates=False)
@@ -233,7 +269,7 @@ def semiglobal_start(
     run_parallel(lambda j: census_words(grays[j[0]], noise, *j[1], words[j[0]]), jobs, threads)
     costs = _volume(words, left, right, low, labels, parts, threads)
     penalties = jump_penalties(gray_left)
-    sums = np.empty(costs.size, np.int16)
+    sums = np.empty(costs.size, np.uint8)
     paths = Paths.begin(width, labels), Paths.begin(width, labels)
     start = Start(*(np.empty((height, width), np.float32) for _ in range(2)))
 

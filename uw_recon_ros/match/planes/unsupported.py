@@ -11,11 +11,14 @@ right in every water (``test/benchmark/open_water.py``, ``docs/matching_experime
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros.connected_pieces import label_pieces
+from uw_recon_ros.jit import kernel
 from uw_recon_ros.match.planes.open_water import OpenWater
 from uw_recon_ros.types import FloatImage, Mask
 
@@ -41,31 +44,56 @@ def unfounded(disparity: FloatImage, confidence: FloatImage, water: OpenWater, l
     limits : (float, float)
         Least and greatest disparity searched, px.
     """
-    known = np.isfinite(disparity)
     labels = label_pieces(disparity, JUMP_PX)
-    area: NDArray[np.float64] = np.bincount(labels.ravel(), known.ravel().astype(np.float64)).astype(np.float64)
-    trust = _mean(confidence, known, labels, area)
-    faint = _mean(water.faint, known, labels, area) > MOSTLY
     end = min(END_PX, END * (limits[1] - limits[0]))
-    far, near = (
-        _mean(there, known, labels, area) > MOSTLY
-        for there in (disparity < limits[0] + end, disparity > limits[1] - end)
-    )
-    doubtful = known & ((trust < LEAST_CONFIDENCE) | (near & faint))[labels]
-    small = known & ~doubtful & (area[labels] < SMALL * disparity.size)
-    if not small.any():
+    pieces = np.zeros((int(labels.max()) + 1, len(_Piece._fields)))
+    _add_up(disparity, confidence, water.faint, labels, limits[0] + end, limits[1] - end, pieces)
+    of = _Piece(*pieces.T)
+    trust, faint, near, far = (x / np.maximum(of.area, 1) for x in (of.trust, of.faint, of.near, of.far))
+    is_doubtful = (trust < LEAST_CONFIDENCE) | ((near > MOSTLY) & (faint > MOSTLY))
+    is_doubtful[0] = False
+    doubtful = is_doubtful[labels]
+    is_small = ~is_doubtful & (of.area < SMALL * disparity.size)
+    is_small[0] = False
+    if not is_small.any():
         return np.asarray(doubtful)
-    empty = _mean(_share_of_rest(water.shown | doubtful, small), small, labels, area)
-    lost = (((empty > ISLAND) | far) & faint) | (trust < LEAST_CONFIDENCE + ALONE * empty)
-    return np.asarray(doubtful | (small & lost[labels]))
+    small = is_small[labels]
+    surroundings = _share_of_rest(water.shown | doubtful, small)
+    empty = np.bincount(labels[small], surroundings[small], minlength=len(pieces)) / np.maximum(of.area, 1)
+    lost = (((empty > ISLAND) | (far > MOSTLY)) & (faint > MOSTLY)) | (trust < LEAST_CONFIDENCE + ALONE * empty)
+    return np.asarray((is_doubtful | (is_small & lost))[labels])
 
 
-def _mean(
-    values: FloatImage | Mask, where: Mask, labels: NDArray[np.int32], area: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Of each piece."""
-    sums = np.bincount(labels[where], values[where].astype(np.float64), minlength=area.size)
-    return np.asarray(sums / np.maximum(area, 1))
+class _Piece(NamedTuple):
+    """Sums over each piece, (N,) float64."""
+
+    area: NDArray[np.float64]
+    trust: NDArray[np.float64]
+    faint: NDArray[np.float64]
+    near: NDArray[np.float64]
+    far: NDArray[np.float64]
+
+
+@kernel(allocates=False)
+def _add_up(
+    disparity: FloatImage,
+    confidence: FloatImage,
+    faint: Mask,
+    labels: NDArray[np.int32],
+    low: float,
+    high: float,
+    pieces: NDArray[np.float64],
+) -> None:
+    """Add each pixel to its piece; what lies under `low` px is far, what lies over `high` px near."""
+    height, width = disparity.shape
+    for v in range(height):
+        for u in range(width):
+            piece = pieces[labels[v, u]]
+            piece[0] += 1
+            piece[1] += confidence[v, u]
+            piece[2] += faint[v, u]
+            piece[3] += disparity[v, u] > high
+            piece[4] += disparity[v, u] < low
 
 
 def _share_of_rest(empty: Mask, small: Mask) -> FloatImage:
