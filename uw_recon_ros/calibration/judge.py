@@ -101,9 +101,13 @@ def judge_baseline(baseline_m: float) -> tuple[Finding, ...]:
     low, high = BASELINE_RANGE_M
     if low <= abs(baseline_m) <= high:
         return ()
-    cause = "millimetres instead of metres" if abs(baseline_m) > high else "P[3] in metres instead of px m (-fx B)"
+    large = abs(baseline_m) > high
+    cause = "millimetres instead of metres" if large else "P[3] in metres instead of px m (-fx B)"
+    other = ", or uw_recon convert-calibration --unit mm (cm, in)" if large else ""
     text = f"right P: expected a baseline of {low:g} to {high:g} m, got {abs(baseline_m):.6g} m"
-    return (_refused(Code.CALIBRATION_BASELINE_IMPLAUSIBLE, text, f"is it {cause}? write P[3] = -fx B, B in metres"),)
+    return (
+        _refused(Code.CALIBRATION_BASELINE_IMPLAUSIBLE, text, f"is it {cause}? write P[3] = -fx B, B in metres{other}"),
+    )
 
 
 def judge_depth(median_depth_m: float, baseline_m: float) -> tuple[Finding, ...]:

@@ -35,6 +35,11 @@ _KINDS: tuple[tuple[Callable[[bytes], bool], str], ...] = (
     (_begins(b"\x89MCAP0\r\n"), "an MCAP bag"),
     (_begins(b"SQLite format 3\0"), "an SQLite database"),
     (_begins(b"Pf\n", b"PF\n"), "a PFM map"),
+    (
+        _begins(b"\x80\x03", b"\x80\x04", b"\x80\x05"),
+        "a pickle of Python, which is not opened: save the matrices with numpy.savez",
+    ),
+    (_begins(b"\x93NUMPY"), "one array of numpy: save all matrices by their names with numpy.savez"),
     (_begins(b"%PDF"), "a PDF document"),
     (_begins(b"version https://git-lfs"), "a pointer of Git LFS: run git lfs pull"),
     (_is_text, "a text file"),

@@ -83,9 +83,16 @@ def _of_archive(path: Path) -> Iterator[Document]:
                 if member.isfile() and Path(member.name).suffix in (".yaml", ".yml", ".txt"):
                     stream = archive.extractfile(member)
                     if stream is not None and member.size <= LARGEST_BYTES:
-                        yield parse(Path(member.name).name, stream.read(LARGEST_BYTES))
+                        yield _member(Path(member.name).name, stream.read(LARGEST_BYTES))
     except (tarfile.TarError, EOFError, OSError, ValueError) as error:
         raise CalibrationError("expected a tarball as camera_calibration saves it, got a damaged one") from error
+
+
+def _member(name: str, content: bytes) -> Document:
+    try:
+        return parse(name, content)
+    except CalibrationError as error:
+        raise CalibrationError(f"{name} in it: {error}", error.code) from error
 
 
 def parse(name: str, content: bytes) -> Document:
@@ -103,6 +110,8 @@ def parse(name: str, content: bytes) -> Document:
     if content.startswith((b"MATLAB 7.3", b"\x89HDF")):
         raise CalibrationError("a MATLAB file of version 7.3: save it with save(name, 'var', '-v7')")
     text = _text(content)
+    if text.lstrip().startswith("Calibration results\n"):
+        raise CalibrationError("a report of kalibr: name the camchain that it wrote beside it (camchain-....yaml)")
     for fits, kind, reader in _TEXTS:
         if fits(text, name):
             return Document(name, kind, reader(text))
@@ -124,11 +133,21 @@ def _arrays(content: bytes) -> dict[str, Any]:
             if sum(entry.file_size for entry in packed.infolist()) > LARGEST_BYTES:
                 raise CalibrationError("expected a few matrices in an npz file, got more than 1 MiB")
         with np.load(io.BytesIO(content), allow_pickle=False) as kept:
-            return {name: kept[name] for name in kept.files}
+            return {name: array for name in kept.files if (array := _plain_array(kept, name)) is not None}
     except (ValueError, OSError, zipfile.BadZipFile, EOFError, KeyError) as error:
         raise CalibrationError(
             "expected an npz file of plain matrices, got a damaged one or one with objects"
         ) from error
+
+
+def _plain_array(kept: Any, name: str) -> Any:
+    """A matrix of an npz; None where it holds Python's objects (``rvecs`` of a script), which are not opened."""
+    try:
+        return kept[name]
+    except ValueError as error:
+        if "allow_pickle" not in str(error):
+            raise
+        return None
 
 
 def _matlab(content: bytes) -> dict[str, Any]:
@@ -226,6 +245,6 @@ _TEXTS = (
     (lambda text, _: text.startswith("# oST") or "[image]\n" in text, "ost", _ost),
     (lambda text, _: re.search(r"^\[\w+\]\s*$", text, re.MULTILINE) and "=" in text, "sections", _sections),
     (lambda text, name: text.lstrip()[:1] in "{[" and not name.endswith((".yaml", ".yml")), "json", _json),
-    (lambda text, _: re.search(r"^P(0|_rect_0\d):", text, re.MULTILINE), "numbers", _numbers),
+    (lambda text, _: re.search(r"^P([02]|_rect_0\d):\s+[-+.\d]\S*\s+[-+.\d]", text, re.MULTILINE), "numbers", _numbers),
     (lambda text, name: name in ("cameras.txt", "rigs.txt") or "# Camera list" in text, "table", _table),
 )

@@ -12,6 +12,7 @@ from uw_recon_ros.errors import CalibrationError
 from uw_recon_ros.findings import Code
 from uw_recon_ros.types import Matrix
 
+_COMMA = re.compile(r"^'?-?\d+,\d+'?$")
 Size = tuple[int, int]
 #: Metres of one unit of length.
 UNITS = {"m": 1.0, "meters": 1.0, "metres": 1.0, "meter": 1.0, "cm": 0.01, "centimeters": 0.01, "mm": 0.001,
@@ -37,7 +38,10 @@ def as_numbers(value: Any, name: str, count: int | None = None) -> Matrix:
     try:
         found = np.asarray(value, np.float64).ravel()
     except (TypeError, ValueError, OverflowError) as error:
-        raise CalibrationError(f"{name}: expected numbers, got {short(value)}", Code.CALIBRATION_NUMBERS) from error
+        comma = ": a decimal comma? write points" if _COMMA.search(str(value)) else ""
+        raise CalibrationError(
+            f"{name}: expected numbers, got {short(value)}{comma}", Code.CALIBRATION_NUMBERS
+        ) from error
     if (count is not None and found.size != count) or not np.isfinite(found).all():
         raise CalibrationError(
             f"{name}: expected {count or 'finite'} numbers, got {found.size}: {short(found.tolist())}",

@@ -132,7 +132,7 @@ def _recognised(documents: Documents, given: list[Path]) -> tuple[Form, Document
         if len(picked) > form.count:
             names = ", ".join(dict.fromkeys(document.name for document in picked))
             raise CalibrationError(
-                f"taken for {form.name}: expected {form.count}, got {len(picked)} ({names}): name one"
+                f"taken for {form.name}: expected {form.count}, got {len(picked)} ({names}): keep those of one rig"
             )
         if len(picked) == form.count:
             return form, picked
@@ -176,24 +176,52 @@ def _beside(path: Path) -> list[Path]:
     return [file for file in dict.fromkeys(found) if file.stat().st_size <= LARGEST_BYTES and file != path]
 
 
+#: Forms that are known and not read, by names at the top of the file or in its first part, and what to do instead.
+_NOT_READ: tuple[tuple[set[str], str], ...] = (
+    ({"projection"}, "an Agisoft camera file: it holds one camera and no rig: calibrate both together and export both"),
+    ({"chunk"}, "a project or camera export of Agisoft Metashape: export both cameras' calibrations as OpenCV XML, and "
+     "write R and T of the second one to the first beside them"),
+    ({"cameraData"}, "the calibration of an OAK (DepthAI): record camera_info, or write M1 D1 M2 D2 R T"),
+    ({"value0"}, "Basalt's calibration, whose models differ: calibrate with kalibr (pinhole-radtan or pinhole-equi)"),
+    ({"Camera1.fx"}, "settings of ORB-SLAM3: write M1 D1 M2 D2, and R T = the inverse of Stereo.T_c1_c2"),
+    ({"Camera.fx"}, "settings of ORB-SLAM, of one rectified camera: name the calibration they were made from"),
+    ({"projection_parameters"}, "a camera of VINS-Fusion, whose rig is in another file: write M1 D1 M2 D2 R T"),
+    ({"stereomaplx", "stereomaply", "mapx", "maplx", "map1x", "stereomap1x"}, "maps that rectify, of which no "
+     "calibration can be made: write M1 D1 M2 D2 R T of the same script (stereoCalibrate)"),
+    ({"mtx", "cameramatrix", "k", "intrinsics"}, "one camera's matrices: calibrate both together, and write M1 D1 M2 "
+     "D2 R T"),
+)  # fmt: skip
+
+
 def _unknown(documents: Documents) -> CalibrationError:
     first = documents[0] if documents else Document("", "empty")
-    values: Any = first.first
-    if isinstance(values.get("calibration"), dict) and "projection" in values["calibration"]:
-        told = (
-            "taken for an Agisoft camera file: it holds one camera and no rig; calibrate both together and export both"
-        )
-    else:
-        told = f"expected {_ACCEPTED}; got {first.kind} with {list_of(values)}"
-    return CalibrationError(told, Code.CALIBRATION_UNKNOWN_FORM)
+    values: dict[str, Any] = first.first
+    inner = next((value for value in values.values() if isinstance(value, dict)), {})
+    names = values.keys() | inner.keys()
+    names |= {squeezed(name) for name in names}
+    told = next((text for known, text in _NOT_READ if known & names), "")
+    if told:
+        return CalibrationError(f"taken for {told}", Code.CALIBRATION_UNKNOWN_FORM)
+    return CalibrationError(
+        f"expected {_ACCEPTED}; got {first.kind} with {list_of(values)}", Code.CALIBRATION_UNKNOWN_FORM
+    )
 
 
 # ---- what makes a form -----------------------------------------------------------------------------------------------
 
 
 def _each(documents: Documents, fits: Callable[[Any], bool]) -> Documents:
-    """Every document of every file that fits, one by one."""
-    return [replace(d, values=[value]) for d in documents for value in d.values if fits(value)]
+    """Every document of every file that fits, one by one; of more than two, those that differ but for their times."""
+    found = [replace(d, values=[value]) for d in documents for value in d.values if fits(value)]
+    if len(found) <= 2:
+        return found
+    return list({repr(_without_time(d.values[0])): d for d in reversed(found)}.values())[::-1]
+
+
+def _without_time(value: dict[str, Any]) -> dict[str, Any]:
+    """A camera as it is printed; of its header the frame only."""
+    header = value.get("header")
+    return {**value, "header": header.get("frame_id") if isinstance(header, dict) else header}
 
 
 def _in_order(found: Documents) -> Documents:
@@ -221,20 +249,15 @@ def _whole(
     )  # fmt: skip
 
 
-def _opencv_names(document: Document) -> set[str]:
-    values = document.first
-    inner = values.get("opencv_storage")
-    return {squeezed(name) for name in (inner if isinstance(inner, dict) else values)}
-
-
 def _has_intrinsics(document: Document) -> bool:
-    names = _opencv_names(document)
+    names = two_lenses.matrices(document).keys()
     firsts = [f"{word}{s}" for word in two_lenses.CAMERA_WORDS["k"] for s in ("1", "l", "left", "2", "r", "right")]
     return bool({*firsts, *(f"{s}{word}" for word in two_lenses.CAMERA_WORDS["k"] for s in ("left", "right"))} & names)
 
 
 def _has_motion(document: Document) -> bool:
-    return {"r", "t"} <= _opencv_names(document) or {"rotation", "translation"} <= _opencv_names(document)
+    values = two_lenses.matrices(document)
+    return two_lenses.has_motion(values) or two_lenses.has_rectified(values)
 
 
 def _pick_opencv(documents: Documents) -> Documents:
@@ -289,7 +312,7 @@ FORMS = (
     Form("EuRoC's sensor.yaml", _euroc, 2, lambda ds, size, unit: two_lenses.euroc(ds, size, unit).rig(),
          "expected cam0/sensor.yaml and cam1/sensor.yaml: name the folder of both"),
     _whole("VIAME's camera JSON", lambda d: "fx_left" in d.first, two_lenses.viame_json),
-    _whole("VIAME's camera npz", lambda d: d.kind == "arrays", two_lenses.viame_npz),
+    _whole("an npz of both cameras' matrices", lambda d: d.kind == "arrays" and _has_intrinsics(d), two_lenses.npz),
     _whole("a ZED conf", lambda d: any(name.startswith("LEFT_CAM_") for name in d.first), two_lenses.zed),
     _whole("MATLAB's stereo parameters", _is_matlab, two_lenses.matlab),
     _whole("KITTI's calibration", lambda d: d.kind == "numbers", two_lenses.kitti),

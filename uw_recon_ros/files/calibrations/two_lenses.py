@@ -64,28 +64,66 @@ def euroc(documents: list[Document], size: Size | None, unit: str | None) -> Par
 # ---- OpenCV ----------------------------------------------------------------------------------------------------------
 
 #: Names of K, D, R and P, squeezed, without the camera's own mark.
-CAMERA_WORDS = {"k": ("m", "k", "cameramatrix", "intrinsicmatrix", "intrinsics", "intrinsic", "mtx", "cm"),
-                "d": ("d", "distcoeffs", "distcoeff", "distortioncoefficients", "distortion", "dist", "distcoefs"),
+CAMERA_WORDS = {"k": ("m", "k", "cameramatrix", "intrinsicmatrix", "intrinsics", "intrinsic", "mtx", "cm",
+                      "cammatrix", "cammat", "cammtx"),
+                "d": ("d", "distcoeffs", "distcoeff", "distortioncoefficients", "distortion", "dist", "distcoefs",
+                      "distcoef", "distortioncoefs", "distortioncoeffs"),
                 "r": ("rect", "r"), "p": ("proj", "p")}  # fmt: skip
+#: Names of the right camera's rotation and translation.
+MOTION_WORDS = {"r": ("r", "rotation", "rotationmatrix", "rmat", "rot"),
+                "t": ("t", "translation", "translationvector", "tvec", "trns", "trans")}  # fmt: skip
+_SUFFIXES = (("1", "l", "left"), ("2", "r", "right"))
+_ONE_CAMERA = re.compile(r"(?:stereo)?(?:camera|cam)?(left|right|l|r|[012])(?:camera|cam)?")
+_BOTH_CAMERAS = ("extrinsics", "extrinsic", "stereo")
 _SIZE_PAIRS = (("imagewidth", "imageheight"), ("width", "height"), ("calibrationwidth", "calibrationheight"))
 _SIZE_NAMES = ("imagesize", "size", "resolution", "imsize")
 
 
 def opencv(document: Document, size: Size | None, unit: str | None, default_unit: str = "m") -> Parts:
     """Matrices under the names of OpenCV's samples (M1 D1 M2 D2 R T R1 R2 P1 P2), or any close to them."""
-    values = {squeezed(name): value for name, value in _matrices(document).items()}
+    values, metres = matrices(document), metres_of(unit, default_unit)
     zero_based = any(f"{word}0" in values for word in CAMERA_WORDS["k"])
-    suffixes = (("0",), ("1",)) if zero_based else (("1", "l", "left"), ("2", "r", "right"))
+    suffixes = (("0",), ("1",)) if zero_based else _SUFFIXES
     found_size = opencv_size(values) or needed(size)
     left, right = (_opencv_lens(values, words, found_size) for words in suffixes)
+    rectified = _opencv_rectified(values, suffixes, metres)
+    if rectified is not None and not has_motion(values):
+        return Parts(left, right, *_rectified_motion(rectified), rectified)
     rotation, translation = _opencv_motion(values)
-    rectified = _opencv_rectified(values, suffixes, metres_of(unit, default_unit))
-    return Parts(left, right, rotation, translation * metres_of(unit, default_unit), rectified)
+    return Parts(left, right, rotation, translation * metres, rectified)
 
 
-def _matrices(document: Document) -> dict[str, Any]:
+def matrices(document: Document) -> dict[str, Any]:
+    """What a file holds under squeezed names; what stands inside a camera's own part gets the camera's mark."""
     first = document.first
-    return first["opencv_storage"] if isinstance(first.get("opencv_storage"), dict) else first
+    inside = first["opencv_storage"] if isinstance(first.get("opencv_storage"), dict) else first
+    found: dict[str, Any] = {}
+    for name, value in inside.items():
+        if not isinstance(value, dict) or "data" in value:
+            found[squeezed(name)] = value
+            continue
+        camera = _ONE_CAMERA.fullmatch(squeezed(name))
+        if not camera and squeezed(name) not in _BOTH_CAMERAS:
+            continue
+        found |= {squeezed(inner) + (camera[1] if camera else ""): item for inner, item in value.items()}
+    return found
+
+
+def has_motion(values: dict[str, Any]) -> bool:
+    """Whether squeezed names have the right camera's rotation and translation."""
+    return all(any(word in values for word in words) for words in MOTION_WORDS.values())
+
+
+def has_rectified(values: dict[str, Any]) -> bool:
+    """Whether squeezed names have R1, R2, P1, P2, which tell them as well."""
+    return all(_pick(values, CAMERA_WORDS[name], words) is not None for name in "rp" for words in _SUFFIXES)
+
+
+def _rectified_motion(rectified: Rectified) -> tuple[Matrix, Matrix]:
+    """Rotation and translation, m, of the right camera by how both views were turned, and P's last column."""
+    (left, right), (_, view) = rectified.r, rectified.p
+    across = view[:, 3] / np.array([view[0, 0], view[1, 1], 1.0])
+    return right.T @ left, right.T @ across
 
 
 def opencv_size(values: dict[str, Any]) -> Size | None:
@@ -108,16 +146,19 @@ def _pick(values: dict[str, Any], words: tuple[str, ...], suffixes: tuple[str, .
 def _opencv_lens(values: dict[str, Any], suffixes: tuple[str, ...], size: Size) -> Lens:
     k, d = (_pick(values, CAMERA_WORDS[name], suffixes) for name in "kd")
     if k is None or d is None:
-        missing = f"{'M' if k is None else 'D'}{suffixes[0]}"
-        raise CalibrationError(f"expected {missing} of a camera, got {list_of(values)}", Code.CALIBRATION_NUMBERS)
+        missing = ("M", "cameraMatrix", "mtx", "K") if k is None else ("D", "distCoeffs", "dist")
+        names = ", ".join(f"{word}{suffix}" for word in missing for suffix in suffixes[:1])
+        side = suffixes[-1] if suffixes[-1] in ("left", "right") else f"camera {suffixes[0]}"
+        raise CalibrationError(
+            f"expected {names} or the like of {side}, got {list_of(values)}", Code.CALIBRATION_NUMBERS
+        )
     coefficients = as_numbers(d, f"D{suffixes[0]}")
     model = str(values.get("distortionmodel") or values.get("cameramodel") or "plumb_bob")
     return Lens(size, as_numbers(k, f"M{suffixes[0]}", 9).reshape(3, 3), coefficients, model)
 
 
 def _opencv_motion(values: dict[str, Any]) -> tuple[Matrix, Matrix]:
-    r = next((values[name] for name in ("r", "rotation", "rotationmatrix", "rmat") if name in values), None)
-    t = next((values[name] for name in ("t", "translation", "translationvector", "tvec") if name in values), None)
+    r, t = (next((values[word] for word in words if word in values), None) for words in MOTION_WORDS.values())
     if r is None or t is None:
         raise CalibrationError(
             "expected R and T of the right camera beside the matrices of both: the extrinsics are in a file of their "
@@ -163,9 +204,9 @@ def _viame_lens(values: dict[str, Any], side: str, size: Size) -> Lens:
     return Lens(size, k, d)
 
 
-def viame_npz(document: Document, size: Size | None, unit: str | None) -> Parts:
-    """``cameraMatrixL``, ``distCoeffsL``, ..., R and T in millimetres."""
-    return opencv(document, size, unit, default_unit="mm")
+def npz(document: Document, size: Size | None, unit: str | None) -> Parts:
+    """``cameraMatrixL``, ``distCoeffsL``, ..., R and T in mm, as KWIVER writes them; under other names in metres."""
+    return opencv(document, size, unit, default_unit="mm" if "cameraMatrixL" in document.first else "m")
 
 
 # ---- ZED -------------------------------------------------------------------------------------------------------------
@@ -221,7 +262,9 @@ def matlab(document: Document, size: Size | None, unit: str | None) -> Parts:
     values = document.first
     if "fc_left" in values:
         return _bouguet(values, size, unit)
-    struct = _with_cameras(values)
+    struct = _with_cameras(values, _DEEPEST)
+    if struct is None:
+        raise _no_cameras(values)
     cameras = [struct[name] for name in ("CameraParameters1", "CameraParameters2")]
     told = cameras[0].get("WorldUnits")
     metres = metres_of(unit, told if isinstance(told, str) and told else "mm")
@@ -234,12 +277,19 @@ def matlab(document: Document, size: Size | None, unit: str | None) -> Parts:
     return Parts(left, right, rotation, numbers(struct, "TranslationOfCamera2", 3) * metres)
 
 
-def _with_cameras(values: dict[str, Any]) -> dict[str, Any]:
+_DEEPEST = 4  # structs in structs
+
+
+def _with_cameras(values: dict[str, Any], deep: int) -> dict[str, Any] | None:
     """The struct with both cameras: the file's own variables, or one of them."""
-    for struct in (values, *values.values()):
-        if isinstance(struct, dict) and all(isinstance(struct.get(f"CameraParameters{n}"), dict) for n in (1, 2)):
-            return struct
-    raise CalibrationError(
+    if all(isinstance(values.get(f"CameraParameters{n}"), dict) for n in (1, 2)):
+        return values
+    inner = (_with_cameras(value, deep - 1) for value in values.values() if isinstance(value, dict) and deep)
+    return next((struct for struct in inner if struct is not None), None)
+
+
+def _no_cameras(values: dict[str, Any]) -> CalibrationError:
+    return CalibrationError(
         f"expected a struct with CameraParameters1, CameraParameters2, RotationOfCamera2 and TranslationOfCamera2, got "
         f"{list_of(values)}: in MATLAB, s = toStruct(stereoParams); save('rig.mat', '-struct', 's', '-v7')",
         Code.CALIBRATION_ONE_CAMERA,
@@ -277,14 +327,26 @@ def _bouguet(values: dict[str, Any], size: Size | None, unit: str | None) -> Par
 # ---- KITTI -----------------------------------------------------------------------------------------------------------
 
 
+_KITTI_ALIKE = 1e-3  # of a baseline: the gray and the colour cameras are apart alike
+
+
 def kitti(document: Document, size: Size | None, unit: str | None) -> Parts:
-    """``calib.txt`` or ``calib_cam_to_cam.txt``: P of images that are rectified already; the first two cameras."""
+    """``calib.txt`` or ``calib_cam_to_cam.txt``: P of images that are rectified already, gray or colour."""
     values = document.first
     raw = "P_rect_00" in values or "P_rect_02" in values
-    names = [n for n in (("P_rect_00", "P_rect_01", "P_rect_02", "P_rect_03") if raw else ("P0", "P1")) if n in values]
-    if len(names) < 2:
+    pairs = (("P_rect_00", "P_rect_01"), ("P_rect_02", "P_rect_03")) if raw else (("P0", "P1"), ("P2", "P3"))
+    there = [pair for pair in pairs if set(pair) <= values.keys()]
+    if not there:
         raise CalibrationError(f"expected P0 and P1, or P_rect_00 and P_rect_01, got {list_of(values)}")
-    views = [numbers(values, name, 12).reshape(3, 4) for name in names[:2]]
+    both = [[numbers(values, name, 12).reshape(3, 4) for name in pair] for pair in there]
+    shifts = [float((right[0, 3] - left[0, 3]) / right[0, 0]) for left, right in both]
+    if len(both) > 1 and abs(shifts[0] - shifts[1]) > _KITTI_ALIKE * abs(shifts[0]):
+        raise CalibrationError(
+            f"expected one rig, got the gray cameras ({' and '.join(there[0])}, {abs(shifts[0]):.4f} m apart) and the "
+            f"colour ones ({' and '.join(there[1])}, {abs(shifts[1]):.4f} m): keep the lines of the images you have",
+            Code.RECORDING_SEVERAL_RIGS,
+        )
+    names, views = there[0], both[0]
     given = values.get(names[0].replace("P_rect", "S_rect")) if raw else None
     found = (int(given[0]), int(given[1])) if given is not None else needed(size)
     lenses = [Lens(found, view[:, :3].copy(), np.zeros(5)) for view in views]
