@@ -74,6 +74,18 @@ def test_hidden_pixels_are_told_from_seen_ones(effort: str) -> None:
     assert (result.status[22:48, 35:39] == Status.OCCLUDED).mean() > 0.6
 
 
+@pytest.mark.parametrize("effort", ["balanced", "quality"])
+def test_a_near_thing_at_the_left_border_leaves_the_wall_behind_it(effort: str) -> None:
+    """Continued to the border its plane would lie outside the right view, which must not be cheaper than a match."""
+    wall, thing = 128 + 0.3 * (texture(90, 160, 1) - 128), texture(90, 160, 2)
+    left, right = wall[:, 30:140].copy(), wall[:, 33:143].copy()
+    left[20:70, 22:60], right[20:70, 8:46] = thing[20:70, :38], thing[20:70, :38]
+    random = np.random.RandomState(3)
+    noisy = (to_bytes(image + random.normal(0, 3, image.shape)) for image in (left, right))
+    result = graph_cut(*noisy, 0, 20, effort=effort)
+    assert (np.abs(result.disparity - 3) < 1)[22:68, 4:8].mean() > 0.9
+
+
 @pytest.mark.parametrize("effort", EFFORTS)
 def test_fields_agree(effort: str) -> None:
     left, right, _ = step_pair()

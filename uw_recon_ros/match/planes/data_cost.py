@@ -30,6 +30,7 @@ SOFTNESS, SOFTNESS_NOISY = 0.4, 1.2  #: part of the contrast at which the differ
 SIGNS, SIGNS_NOISY = 0.5, 0.0  #: weight of the signs
 WORST = 2.0  #: cost of what differs as much as by chance
 OUTSIDE = 1.0  #: least cost of a match outside the other view; no less than a usual match
+OUTSIDE_SEEN = 1.8  #: the same where the start found the pixel in both views
 FORBIDDEN = 4.0  #: cost of a disparity outside the limits
 
 
@@ -44,7 +45,7 @@ class CostData(NamedTuple):
         Where the difference between differences is cut, and what another sign costs.
     most : int16
         Where a pixel's cost is cut.
-    outside : int16
+    outside : (H, W) int16
         A pixel's cost outside the other view.
     pattern : (24, 2) int64
         The neighbours: rows, columns.
@@ -61,7 +62,7 @@ class CostData(NamedTuple):
     softness: np.int16
     sign: np.int16
     most: np.int16
-    outside: np.int16
+    outside: NDArray[np.int16]
     pattern: Pattern
     other: NDArray[np.int16]
     arms: Arms
@@ -130,7 +131,7 @@ def plane_cost(
     arms, sums = view.arms, work.sums
     for v in range(first, last):
         _compare(v - first, v, start, stop, view, work)
-        _prefix(a, b * np.float32(v) + c, start, stop, width, view, work.differing, work.prefix)
+        _prefix(a, b * np.float32(v) + c, v, start, stop, width, view, work.differing, work.prefix)
         behind, ahead = arms[0, v, left:right], arms[1, v, left:right]
         before, here = sums[v - first, : right - left], sums[v - first + 1, : right - left]
         for x in range(right - left):
@@ -225,7 +226,7 @@ def _compare(y, v, start, stop, view, work):  # type: ignore[no-untyped-def]
 
 
 @kernel(allocates=False)
-def _prefix(a, here, start, stop, width, view, differing, prefix):  # type: ignore[no-untyped-def]
+def _prefix(a, here, v, start, stop, width, view, differing, prefix):  # type: ignore[no-untyped-def]
     """Running sums of the pixels' costs along a row."""
     half, most = np.float32(0.5), np.int32(view.most)
     low, high, edge = view.low - half, view.high + half, np.float32(width) - half
@@ -241,7 +242,7 @@ def _prefix(a, here, start, stop, width, view, differing, prefix):  # type: igno
             total = np.int32(total + min(np.int32(differing[index(i)]), most))
             prefix[index(i) + index(1)] = total
         return
-    outside, forbidden = np.int32(view.outside), np.int32(most * FORBIDDEN / WORST)
+    outside, forbidden = view.outside[v], np.int32(most * FORBIDDEN / WORST)
     for i in range(stop - start):
         u = np.float32(start + i)
         d = here + a * u
@@ -249,6 +250,6 @@ def _prefix(a, here, start, stop, width, view, differing, prefix):  # type: igno
         if d < low or d > high:
             cost = forbidden
         elif u - d < -half or u - d > edge:
-            cost = outside
+            cost = np.int32(outside[start + i])
         total = np.int32(total + cost)
         prefix[index(i) + index(1)] = total

@@ -19,6 +19,7 @@ from uw_recon_ros.match.planes.cross_support import edge_weights, inverse_size, 
 from uw_recon_ros.match.planes.data_cost import (
     FORBIDDEN,
     OUTSIDE,
+    OUTSIDE_SEEN,
     QUARTERS,
     WORST,
     CostData,
@@ -223,10 +224,10 @@ def _view(image: View, other: View, seen: FloatImage, usable: Mask, limits: tupl
     pattern = WIDE if image.noise > 0.5 else CLOSE
     usual = typical_costs(image.gray, other.gray, pattern, softness, sign, seen, usable)
     largest = len(pattern) * (softness + sign)
-    outside = max(usual.matched, OUTSIDE / WORST * usual.cut)
+    outside = np.maximum(np.where(usable, OUTSIDE_SEEN, OUTSIDE) / WORST * usual.cut, usual.matched)
     return CostData(
         extend_borders(image.gray), np.int16(softness), np.int16(sign), np.int16(round(usual.cut * largest)),
-        np.int16(round(outside * largest)), pattern, _between_pixels(other.gray, threads), arms, inverse,
+        np.round(outside * largest).astype(np.int16), pattern, _between_pixels(other.gray, threads), arms, inverse,
         np.float32(limits[0]), np.float32(limits[1]),
     )  # fmt: skip
 
