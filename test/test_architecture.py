@@ -30,6 +30,7 @@ NOUNS |= {
     "rigid",
     "connected_pieces",
     "unseen_pixels",
+    "masks",
     "camera_sides",
     "boards",
     "board_kinds",

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.errors import EstimationError
 from uw_recon_ros.findings import Code
+from uw_recon_ros.masks import only_where
 from uw_recon_ros.match.disparity_range import find_disparity_range
 from uw_recon_ros.match.methods import EFFORTS, METHODS, NETWORK_VALUES
 from uw_recon_ros.match.planes.confidence import confidence_of, signs_of_error
@@ -219,7 +220,7 @@ class Match:
         known = (status == Status.OCCLUDED) & (reason != 0)
         status[known] = reason[known]
         valid = status == 0
-        disparity, sigma, confidence = (np.where(valid, values, nan) for values in (disparity, *trust))
+        disparity, sigma, confidence = (only_where(valid, values) for values in (disparity, *trust))
         method, energy = self.params.method, result.energy
         return Matches(
             disparity, sigma, status, low, high, method, energy, confidence=confidence, rows=mended.offset

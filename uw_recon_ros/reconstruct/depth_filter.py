@@ -15,6 +15,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from uw_recon_ros.masks import share_around
 from uw_recon_ros.reconstruct.planes import fit_planes, flat_planes
 from uw_recon_ros.reconstruct.speckles import find_speckles
 from uw_recon_ros.types import FloatImage, Mask
@@ -87,9 +88,8 @@ def sigma_after_smoothing(sigma: FloatImage, before: FloatImage, after: FloatIma
     moves = after - before
     valid = np.isfinite(moves)
     moves[~valid] = 0
-    share = valid.astype(np.float32)
-    near = _share_mean(np.square(moves), share, _MOVE_WINDOW)
-    bent = np.square(_share_mean(moves, share, _BEND_WINDOW))
+    near = _mean_around(np.square(moves), valid, _MOVE_WINDOW)
+    bent = np.square(_mean_around(moves, valid, _BEND_WINDOW))
     variance = np.square(sigma)
     most = variance + bent
     near -= bent
@@ -98,10 +98,10 @@ def sigma_after_smoothing(sigma: FloatImage, before: FloatImage, after: FloatIma
     return left
 
 
-def _share_mean(values: FloatImage, share: FloatImage, side: int) -> FloatImage:
-    """Mean of a window's pixels, those that count having a share of 1."""
+def _mean_around(values: FloatImage, valid: Mask, side: int) -> FloatImage:
+    """Mean of a window's valid pixels; the values elsewhere are 0."""
     mean = np.asarray(cv2.blur(values, (side, side)), np.float32)
-    mean /= np.maximum(cv2.blur(share, (side, side)), np.float32(1e-6))
+    mean /= np.maximum(share_around(valid, side, cv2.BORDER_REFLECT_101), np.float32(1e-6))
     return mean
 
 

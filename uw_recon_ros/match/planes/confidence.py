@@ -14,6 +14,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
+from uw_recon_ros.masks import only_where, share_around
 from uw_recon_ros.types import ByteImage, FloatImage, Mask, Status
 
 WRONG_PX, FAR_PX = 1.0, 4.0
@@ -133,31 +134,26 @@ def signs_of_error(
     known = np.isfinite(disparity)
     agreed = status == 0
     supported = agreed & (np.abs(start - disparity) < SUPPORT_PX)
-    against, agree = (_within(mask, FAR_AROUND) for mask in (status == Status.INCONSISTENT, agreed))
+    # a wide window would repeat the outermost pixels: nothing is there beyond the border
+    against, agree = (
+        share_around(mask, FAR_AROUND, cv2.BORDER_CONSTANT) for mask in (status == Status.INCONSISTENT, agreed)
+    )
+    dense = share_around(known, AROUND)
     return Signs(
         np.log(np.nan_to_num(sigma, nan=1.0).clip(0.02, 4.0)),
-        1 - _share(supported, AROUND) / np.maximum(_share(known, AROUND), np.float32(1e-3)),
+        1 - share_around(supported, AROUND) / np.maximum(dense, np.float32(1e-3)),
         (~supported).astype(np.float32),
         _largest_step(disparity, known),
-        1 - _share(known, BESIDE),
-        1 - _share(known, AROUND),
+        1 - share_around(known, BESIDE),
+        1 - dense,
         against / np.maximum(against + agree, np.float32(1e-3)),
         float(np.log(grain + GRAIN)),
     )
 
 
-def _share(mask: Mask, side: int) -> FloatImage:
-    return np.asarray(cv2.blur(mask.astype(np.float32), (side, side), borderType=cv2.BORDER_REPLICATE), np.float32)
-
-
-def _within(mask: Mask, side: int) -> FloatImage:
-    """As `_share`, nothing being there beyond the border: a wide window would repeat the outermost pixels."""
-    return np.asarray(cv2.blur(mask.astype(np.float32), (side, side), borderType=cv2.BORDER_CONSTANT), np.float32)
-
-
 def _largest_step(disparity: FloatImage, known: Mask) -> FloatImage:
     """Between any two disparities nearby, as a part of `LARGEST_STEP`, at most 1."""
-    window, far = np.ones((STEP_WINDOW, STEP_WINDOW), np.uint8), np.float32(1e6)
-    highest = cv2.dilate(np.where(known, disparity, -far), window)
-    lowest = cv2.erode(np.where(known, disparity, far), window)
+    window, far = np.ones((STEP_WINDOW, STEP_WINDOW), np.uint8), 1e6
+    highest = cv2.dilate(only_where(known, disparity, -far), window)
+    lowest = cv2.erode(only_where(known, disparity, far), window)
     return np.asarray(((highest - lowest) / LARGEST_STEP).clip(0, 1), np.float32)

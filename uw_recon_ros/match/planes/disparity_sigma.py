@@ -100,11 +100,16 @@ def sigma_of(
         px; meaningless where `status` is not 0.
     """
     height, width = left.shape
-    parts = np.empty((height, width, _PARTS), np.float32)
+    parts = np.empty((_PARTS, height, width), np.float32)
     run_parallel(
         lambda b: _compare_views(left, right, disparity, status, *b, parts), row_bands(height, threads), threads
     )
-    mean = np.asarray(cv2.blur(parts, (WINDOW, WINDOW), borderType=cv2.BORDER_REFLECT), np.float32)
+    mean = np.empty_like(parts)
+
+    def average(part: int) -> None:  # each by itself: many channels in one image take OpenCV twice as long
+        cv2.blur(parts[part], (WINDOW, WINDOW), mean[part], borderType=cv2.BORDER_REFLECT)
+
+    run_parallel(average, range(_PARTS), threads)
     sigma = np.empty((height, width), np.float32)
     trust = TRUST[effort]
     run_parallel(lambda b: _combine(mean, *trust, b[0], b[1], sigma), row_bands(height, threads), threads)
@@ -146,7 +151,7 @@ def _compare_views(
         row, other = left[v], right[v]
         for u in range(width):
             if status[v, u] != 0:
-                parts[v, u, :] = 0
+                parts[:, v, u] = 0
                 continue
             x = min(max(np.float32(u) - disparity[v, u], np.float32(0)), np.float32(most))
             i = min(int(x), max(most - 1, 0))
@@ -159,11 +164,11 @@ def _compare_views(
             before, here, after = np.float32(row[max(u - 1, 0)]), np.float32(row[u]), np.float32(row[min(u + 1, most)])
             gradient = half * (half * (after - before) + slope)
             bend = after - 2 * here + before
-            parts[v, u, 0] = 1
-            parts[v, u, 1] = here - bent
-            parts[v, u, 2] = (here - bent) ** 2
-            parts[v, u, 3] = gradient * gradient
-            parts[v, u, 4] = bend * bend
+            parts[0, v, u] = 1
+            parts[1, v, u] = here - bent
+            parts[2, v, u] = (here - bent) ** 2
+            parts[3, v, u] = gradient * gradient
+            parts[4, v, u] = bend * bend
 
 
 @kernel(allocates=False)
@@ -174,10 +179,10 @@ def _combine(
     smallest = np.float32(1e-3 * _STEPS * _STEPS)
     for v in range(first, last):
         for u in range(sigma.shape[1]):
-            share_valid = max(mean[v, u, 0], np.float32(1e-6))
-            difference = mean[v, u, 1] / share_valid
-            spread = max(mean[v, u, 2] / share_valid - difference * difference, np.float32(0))
-            gradient = mean[v, u, 3] / share_valid + smallest
+            share_valid = max(mean[0, v, u], np.float32(1e-6))
+            difference = mean[1, v, u] / share_valid
+            spread = max(mean[2, v, u] / share_valid - difference * difference, np.float32(0))
+            gradient = mean[3, v, u] / share_valid + smallest
             told = factor / WINDOW * np.sqrt(spread / gradient)
-            between = coarse * (mean[v, u, 4] / share_valid) / gradient
+            between = coarse * (mean[4, v, u] / share_valid) / gradient
             sigma[v, u] = min(np.sqrt(told * told + between * between + least * least), MOST)

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_recon_ros.masks import only_where
 from uw_recon_ros.match.methods import EFFORTS
 from uw_recon_ros.match.planes.census import CLOSE, WIDE
 from uw_recon_ros.match.planes.confidence import DOUBTFUL_SIGMA, confidence_of, doubtful, signs_of_error
@@ -259,16 +260,15 @@ def _result(
     threads: int,
 ) -> GraphCutResult:
     valid = status == 0
-    nan = np.float32(np.nan)
     left, right = (plain_gray(view.pixels, view.noise) for view in start.images)
-    sigma = np.where(valid, sigma_of(left, right, disparity, status, effort, threads), nan)
-    disparity = np.where(valid, disparity, nan)
+    sigma = only_where(valid, sigma_of(left, right, disparity, status, effort, threads))
+    disparity = only_where(valid, disparity)
     signs = signs_of_error(disparity, sigma, start.disparity, start.status, start.images[0].grain)
-    confidence = np.where(valid, confidence_of(signs, effort), nan)
+    confidence = only_where(valid, confidence_of(signs, effort))
     if SCHEDULES[effort].passes:
         sigma = with_disagreement(sigma, disparity, start.disparity, start.usable)
-    sigma = np.where(doubtful(signs, effort), np.maximum(sigma, np.float32(DOUBTFUL_SIGMA)), sigma)
+    sigma = np.maximum(sigma, doubtful(signs, effort) * np.float32(DOUBTFUL_SIGMA))
     lost = unfounded(disparity, confidence, water, limits)
     status[lost] = np.where(water.faint[lost], int(Status.LOW_TEXTURE), int(Status.INCONSISTENT))
-    disparity, sigma, confidence = (np.where(lost, nan, found) for found in (disparity, sigma, confidence))
+    disparity, sigma, confidence = (only_where(~lost, found) for found in (disparity, sigma, confidence))
     return GraphCutResult(disparity, sigma, confidence, status, value)

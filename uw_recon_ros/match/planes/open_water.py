@@ -19,6 +19,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
+from uw_recon_ros.masks import share_around
 from uw_recon_ros.match.planes.gray import some
 from uw_recon_ros.match.planes.texture import WINDOW, Texture, derivative, grown_from, local_variance
 from uw_recon_ros.types import FloatImage, Mask
@@ -69,8 +70,7 @@ def open_water(texture: Texture, start: FloatImage, agreed: Mask) -> OpenWater:
     faint = ~grown_from(texture.variance / np.float32(noise), *FAINT)
     water = scattered & faint
     for _ in range(ROUNDS if water.any() else 0):
-        around = cv2.blur(water.astype(np.float32), (REACH, REACH), borderType=cv2.BORDER_REPLICATE)
-        water |= scattered & (around > MURKY)
+        water |= scattered & (share_around(water, REACH) > MURKY)
     return OpenWater(water, faint)
 
 
@@ -83,8 +83,7 @@ def _share_of_one_piece(start: FloatImage, agreed: Mask) -> FloatImage:
     median = cv2.medianBlur(np.round((start - lowest) / step).astype(np.uint8), WINDOW // THINNED)
     near = agreed & (np.abs(start - lowest - median * np.float32(step)) < NEAR_PX + step / 2)
     side = AROUND // THINNED + 1
-    share = cv2.blur(near.astype(np.float32), (side, side))
-    return np.asarray(cv2.resize(share, (width, height)), np.float32)
+    return np.asarray(cv2.resize(share_around(near, side, cv2.BORDER_REFLECT_101), (width, height)), np.float32)
 
 
 def _noise(texture: Texture, start: FloatImage) -> float:

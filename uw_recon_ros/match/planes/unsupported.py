@@ -13,12 +13,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros.connected_pieces import label_pieces
 from uw_recon_ros.jit import kernel
+from uw_recon_ros.masks import share_around
 from uw_recon_ros.match.planes.open_water import OpenWater
 from uw_recon_ros.types import FloatImage, Mask
 
@@ -52,16 +52,16 @@ def unfounded(disparity: FloatImage, confidence: FloatImage, water: OpenWater, l
     trust, faint, near, far = (x / np.maximum(of.area, 1) for x in (of.trust, of.faint, of.near, of.far))
     is_doubtful = (trust < LEAST_CONFIDENCE) | ((near > MOSTLY) & (faint > MOSTLY))
     is_doubtful[0] = False
-    doubtful = is_doubtful[labels]
+    doubtful = is_doubtful.take(labels)
     is_small = ~is_doubtful & (of.area < SMALL * disparity.size)
     is_small[0] = False
     if not is_small.any():
         return np.asarray(doubtful)
-    small = is_small[labels]
+    small = is_small.take(labels)
     surroundings = _share_of_rest(water.shown | doubtful, small)
     empty = np.bincount(labels[small], surroundings[small], minlength=len(pieces)) / np.maximum(of.area, 1)
     lost = (((empty > ISLAND) | (far > MOSTLY)) & (faint > MOSTLY)) | (trust < LEAST_CONFIDENCE + ALONE * empty)
-    return np.asarray((is_doubtful | (is_small & lost))[labels])
+    return np.asarray((is_doubtful | (is_small & lost)).take(labels))
 
 
 class _Piece(NamedTuple):
@@ -98,7 +98,5 @@ def _add_up(
 
 def _share_of_rest(empty: Mask, small: Mask) -> FloatImage:
     """Share of `empty` around each pixel, in what is no small piece itself."""
-    around = (AROUND, AROUND)
-    shares = (cv2.blur(m.astype(np.float32), around, borderType=cv2.BORDER_REPLICATE) for m in (empty, ~small))
-    part, rest = shares
+    part, rest = (share_around(mask, AROUND) for mask in (empty, ~small))
     return np.asarray(part / np.maximum(rest, np.float32(1e-3)), np.float32)
