@@ -17,6 +17,7 @@ from uw_recon_ros.types import ByteImage, RawImage
 
 _MAX_SIDE = 65_536
 _BIT_DEPTHS: dict[str, np.dtype[Any]] = {"8": np.dtype(np.uint8), "16": np.dtype(np.uint16)}
+_FEWER_BITS = ("10", "12", "14")
 # OpenCV names a Bayer pattern after its second row and column, ROS after the first.
 _BAYER = {
     "rggb": cv2.COLOR_BayerBG2RGB,
@@ -60,6 +61,11 @@ def _first_channel(raw: NDArray[Any]) -> RawImage:
     return raw[..., 0]
 
 
+def _lifted(convert: Convert, missing: int) -> Convert:
+    """Values of fewer bits as if they had 16."""
+    return lambda raw: convert(np.left_shift(raw, missing))
+
+
 _SWAPPED = [2, 1, 0]
 
 
@@ -80,9 +86,12 @@ def _opencv(code: int, squeeze: bool) -> Convert:
 
 def _layout(encoding: str) -> _Layout:
     """Interpret a name of ``sensor_msgs/image_encodings``."""
-    if encoding in _YUV422:
-        return _Layout(_BIT_DEPTHS["8"], 2, _opencv(_YUV422[encoding], squeeze=False))
+    if encoding.lower() in _YUV422:
+        return _Layout(_BIT_DEPTHS["8"], 2, _opencv(_YUV422[encoding.lower()], squeeze=False))
     name, bits = re.sub(r"\d+$", "", encoding), encoding[len(encoding.rstrip("0123456789")) :]
+    if bits in _FEWER_BITS:  # in two bytes each, the highest bits empty
+        full = _layout(f"{name}16")
+        return _Layout(full.dtype, full.channels, _lifted(full.convert, 16 - int(bits)))
     if bits in _BIT_DEPTHS:
         if name == "mono":
             return _Layout(_BIT_DEPTHS[bits], 1, _first_channel)
@@ -96,8 +105,8 @@ def _layout(encoding: str) -> _Layout:
         convert = _first_channel if channels == 1 else _reorder([2, 1, 0])
         return _Layout(_BIT_DEPTHS[generic[1]], channels, convert)
     raise ImageError(
-        "encoding: expected mono8/16, rgb8/16, bgr8/16, rgba8/16, bgra8/16, bayer_*8/16, 8UC1/3, 16UC1/3, yuv422, "
-        f"nv12, nv21 or i420, got {encoding[:40]!r}"
+        "encoding: expected mono8/10/12/16, rgb8/16, bgr8/16, rgba8/16, bgra8/16, bayer_*8/10/12/16, 8UC1/3, 16UC1/3, "
+        f"yuv422, nv12, nv21 or i420, got {encoding[:40]!r}"
     )
 
 

@@ -40,6 +40,7 @@ _KINDS: tuple[tuple[Callable[[bytes], bool], str], ...] = (
         "a pickle of Python, which is not opened: save the matrices with numpy.savez",
     ),
     (_begins(b"\x93NUMPY"), "one array of numpy: save all matrices by their names with numpy.savez"),
+    (_begins(b"GIF8"), "a GIF, whose colours are too few"),
     (_begins(b"%PDF"), "a PDF document"),
     (_begins(b"version https://git-lfs"), "a pointer of Git LFS: run git lfs pull"),
     (_is_text, "a text file"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import re
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
@@ -16,6 +17,8 @@ from uw_recon_ros.findings import Code
 from uw_recon_ros.system_errors import told_as
 
 IMAGES = frozenset((".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm", ".webp", ".jp2", ".mpo"))
+#: A camera's number or letter in the name of a file; that of other words counts the stills.
+_CAMERA = re.compile(r"cam(?:era)?[_-]?(?:[0-9]{1,2}|[a-g])(?![0-9a-z])", re.IGNORECASE)
 _DEEPEST = 4
 _MOST = 1_000_000
 
@@ -126,9 +129,10 @@ def flat_pairs(paths: Iterable[Path]) -> tuple[list[Path], list[Path]] | None:
     by_grade: dict[int, list[tuple[Path, Path]]] = {}
     for path in files:
         for other, grade in partners(path.name).items():
-            if grade < NUMBERED and other in known:
+            if other in known and (grade < NUMBERED or _CAMERA.search(path.name)):
                 by_grade.setdefault(grade, []).append((path, known[other]))
     for _, found in sorted(by_grade.items()):
-        if 2 * len(found) > 0.5 * len(files):
-            return [left for left, _ in found], [right for _, right in found]
+        left, right = [one for one, _ in found], [other for _, other in found]
+        if 2 * len(found) > 0.5 * len(files) and not set(left) & set(right):
+            return left, right
     return None

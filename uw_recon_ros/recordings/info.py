@@ -25,7 +25,7 @@ from uw_recon_ros.recordings.listing import Listing, list_frames
 from uw_recon_ros.recordings.options import Options
 from uw_recon_ros.recordings.pair_index import Frame, Place, Rigs, StampPairer
 from uw_recon_ros.recordings.read import Reader
-from uw_recon_ros.recordings.sources import Source, find_sources, open_source
+from uw_recon_ros.recordings.sources import Source, find_sources, open_source, other_calibrations
 from uw_recon_ros.recordings.verdict import judge, judge_infos, judge_rig
 from uw_recon_ros.recordings.video import Video
 from uw_recon_ros.types import RawImage, StereoCalibration, StereoPair
@@ -191,7 +191,7 @@ def _image_taker(side: CameraImages) -> Callable[[RawMessage], None]:
         elif side.problem and is_video(image):  # recorded from the middle of a stream: the first key frame tells
             side.before_key += 1
             _describe_first(side, image)
-        elif _differs(side, image):
+        elif not side.problem and _differs(side, image):
             side.odd += 1
         side.stamps_ns.append(messages.stamp_ns(image))
 
@@ -268,7 +268,7 @@ def _of_files(source: Source, options: Options, rigs: Rigs, judge_pair: PairJudg
             places = [(frame.stamp_ns, (frame.left, frame.right)[number]) for frame in frames]
             _describe_files(side, source, places, looked, reader)
         sound = [frame for frame in frames if not {_key(frame.left), _key(frame.right)} & looked.bad.keys()]
-        state, baseline, findings = _calibration_of(listing, (sides[0].width, sides[0].height))
+        state, baseline, findings = _calibration_of(source, listing, (sides[0].width, sides[0].height))
         found = RecordingInfo(
             _shown(source), frames[0].stamp_ns, frames[-1].stamp_ns, (), source.kind, *sides,
             **_pair_numbers([frame.stamp_ns for frame in sound]), calibration=state, baseline_m=baseline,
@@ -330,8 +330,12 @@ def _describe_files(
         return
 
 
-def _calibration_of(listing: Listing, size: tuple[int, int]) -> tuple[CalibrationState, float, tuple[Finding, ...]]:
-    if not listing.calibrations:
-        none = Finding(Code.CALIBRATION_NONE, "no calibration beside the images", Severity.WARN)
-        return "none", float("nan"), (none,)
-    return judge_rig(listing.calibrations[0], size)
+def _calibration_of(
+    source: Source, listing: Listing, size: tuple[int, int]
+) -> tuple[CalibrationState, float, tuple[Finding, ...]]:
+    if listing.calibrations:
+        return judge_rig(listing.calibrations[0], size)
+    others = other_calibrations(source)
+    told = f" ({', '.join(others[:4])} may be one: --calibration)" if others else ""
+    none = Finding(Code.CALIBRATION_NONE, f"no calibration beside the images{told}", Severity.WARN)
+    return "none", float("nan"), (none,)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +24,10 @@ from uw_recon_ros.system_errors import reason, told_as
 
 _BAGS = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd", ".bag")
 _CALIBRATIONS = ("calibration.yaml", "calibration.yml", "calibration.xml", "calibration.json", "camchain.yaml")
+_CALIBRATION_SUFFIXES = (".yaml", ".yml", ".xml", ".json", ".txt", ".npz", ".mat", ".conf", ".gz")
+_MAY_CALIBRATE = re.compile(
+    r"calib|camchain|intrinsic|extrinsic|stereo|sensor|rig|^(left|right|ost)\.|^SN[0-9]", re.IGNORECASE
+)
 _BLOCK = 1 << 20
 
 
@@ -238,6 +243,16 @@ def calibration_file(source: Source) -> Path | None:
         return None
     folder = Path(source.path) if source.kind == "stills" else Path(source.path).parent
     return next((folder / name for name in _CALIBRATIONS if (folder / name).is_file()), None)
+
+
+def other_calibrations(source: Source) -> list[str]:
+    """Files beside stills or videos that may be calibrations, by their names, and are not read unasked."""
+    if source.kind == "bag":
+        return []
+    folder = Path(source.path) if source.kind == "stills" else Path(source.path).parent
+    files = [*folder.iterdir(), *folder.glob("cam[0-9]/sensor.yaml")]
+    found = [file for file in files if file.suffix.lower() in _CALIBRATION_SUFFIXES and file.is_file()]
+    return sorted(str(file.relative_to(folder)) for file in found if _MAY_CALIBRATE.search(file.name))
 
 
 def source_files(source: Source) -> list[Path]:

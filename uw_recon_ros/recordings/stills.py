@@ -167,17 +167,19 @@ def _without_times(
 
 
 def _by_number(paths: list[Path]) -> dict[int, Path]:
-    """By the last number of their names; where these come again, as on cards, by the folder's too."""
+    """By the last number of their names; where these come again, by the folder's too (cards), or by an earlier one."""
     found = [(re.findall(r"[0-9]+", path.stem), path) for path in paths]
     single = {int(digits[-1]): path for digits, path in found if digits}
     if len(single) == len(paths):
         return single
     folders = [re.findall(r"[0-9]+", path.parent.name) for path in paths]
-    return {
+    by_folder = {
         int(folder[-1]) * _FOLDER + int(digits[-1]): path
         for folder, (digits, path) in zip(folders, found, strict=True)
         if folder and digits
     }
+    earlier = {int(digits[-2]): path for digits, path in found if len(digits) > 1}  # frame_000123_cam0
+    return earlier if len(earlier) == len(paths) > len(by_folder) else by_folder
 
 
 def _note_alone(

@@ -13,7 +13,9 @@ from uw_recon_ros.errors import BagError, ImageError
 from uw_recon_ros.files.video_packets import image_of_frame, library
 from uw_recon_ros.types import RawImage
 
-SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".ts", ".m4v", ".mts", ".m2ts", ".mpg", ".webm", ".h264", ".h265", ".hevc")
+SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".ts", ".m4v", ".mts", ".m2ts", ".mpg", ".webm", ".h264", ".h265", ".hevc",
+            ".mjpeg", ".mjpg")  # fmt: skip
+_WITHOUT_TIMES = ("h264", "hevc", "mjpeg", "mjpeg_2000", "jpeg_pipe")  # FFmpeg's names of bare streams
 _KEPT = 4  # decoded frames that are kept: the one before is asked for after its follower
 _AHEAD_S = 3.0  # frames so far ahead are reached by decoding on, later ones by the index
 _LARGEST_PIXELS = 2**26
@@ -31,6 +33,8 @@ class Video:
     size : (width, height)
         As shown, px: the rotation flag obeyed.
     codec : str
+    streams : int
+        Of pictures; the first is read.
 
     Raises
     ------
@@ -43,11 +47,18 @@ class Video:
         self._av = library()
         try:
             self._file = self._av.open(str(path))
+            if self._file.format.name in _WITHOUT_TIMES:
+                raise BagError(
+                    f"{path}: expected a video with times, got a bare stream of {self._file.format.name}: put it into "
+                    f"a file that has them: ffmpeg -framerate RATE -i {self.path.name} -c copy {self.path.stem}.mp4"
+                )
             stream = self._file.streams.video[0]
+            self.streams = len(self._file.streams.video)
             self.codec = stream.codec_context.name
             self._stream, self._unit = stream, stream.time_base
         except (self._av.FFmpegError, OSError) as error:
-            raise BagError(f"{path}: expected a video, got one that cannot be opened: {_told(error)}") from error
+            told = "an empty file" if _is_empty(self.path) else f"one that cannot be opened: {_told(error)}"
+            raise BagError(f"{path}: expected a video, got {told}") from error
         except (IndexError, AttributeError) as error:
             raise BagError(f"{path}: expected a video with pictures in a codec that is known, got none") from error
         if not 0 < stream.codec_context.width * stream.codec_context.height <= _LARGEST_PIXELS:
@@ -157,6 +168,10 @@ class Video:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _is_empty(path: Path) -> bool:
+    return path.is_file() and not path.stat().st_size
 
 
 def _told(error: Exception) -> str:

@@ -48,7 +48,10 @@ def list_stills(source: Source, options: Options, notes: list[str]) -> Iterator[
         images = find_images(str(path))
         flat = flat_pairs(images) if options.layout in ("auto", "separate") else None
         if flat is None:
-            yield from list_whole(source, images, options, notes)
+            try:
+                yield from list_whole(source, images, options, notes)
+            except BagError as error:
+                raise _named_otherwise(path, images, error) from error
             return
         sides = flat
         if len(flat[0]) * 2 < len(images):
@@ -57,6 +60,17 @@ def list_stills(source: Source, options: Options, notes: list[str]) -> Iterator[
         if pair.left and pair.right:
             left, right = (Place(str(path), pair.stamp_ns) for path in (pair.left, pair.right))
             yield Frame(0, 0, pair.stamp_ns, left, right)
+
+
+def _named_otherwise(path: Path, images: list[Path], error: BagError) -> BagError:
+    """Of images in several folders: that the names of these do not tell the cameras."""
+    names = list(dict.fromkeys(image.relative_to(path).parts[0] for image in images if image.parent != path))
+    if error.code != Code.RECORDING_ONE_CAMERA or len(names) < 2:
+        return error
+    return BagError(
+        f"{path.name}: expected folders whose names tell the left and the right camera, got {', '.join(names[:8])}: "
+        "call the two left and right, or link them so", error.code,
+    )  # fmt: skip
 
 
 def list_whole(source: Source, images: list[Path], options: Options, notes: list[str]) -> Iterator[Frame]:
@@ -165,7 +179,16 @@ def _list_one(source: Source, options: Options, notes: list[str]) -> Iterator[Fr
     with Video(source.path) as video:
         times = video.times()
         probes = (_frame(video, times[int(share * len(times))][1]) for share in _PROBES)
-        layout = _layout_of(options, source.name, (image for image in probes if image is not None), notes)
+        try:
+            layout = _layout_of(options, source.name, (image for image in probes if image is not None), notes)
+        except BagError as error:
+            if video.streams == 1:
+                raise
+            raise BagError(
+                f"{source.name}: expected both views in one picture, or two files, got {video.streams} streams of "
+                f"pictures: ffmpeg -i {source.name} -map 0:v:0 -c copy left.mkv -map 0:v:1 -c copy right.mkv",
+                error.code,
+            ) from error
         for stamp, mark in times:
             left, right = (Place(source.path, stamp, mark, f"{layout}:{side}") for side in (0, 1))
             yield Frame(0, 0, FIRST_NS + stamp, left, right)
