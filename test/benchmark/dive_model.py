@@ -33,6 +33,16 @@ DIVES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     ),
     "two segments": ({"track": "line", "blackout_m": 3.0}, {"frames": 38, **SMALL}),
 }
+#: More of them, when asked for by name.
+OTHERS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
+    "orbit": ({"track": "orbit"}, {"frames": 30, "seed": 11, **SMALL}),
+    "relief": (
+        {**LOOPS, "bottom": "relief", "altitude_swing_m": 0.2, "heading_swing_deg": 10.0},
+        {"frames": 40, "seed": 7, **SMALL},
+    ),
+    "mud again": (LOOPS, {"frames": 30, "seed": 9, **MUD, **SMALL}),
+    "return": ({"track": "return", "leg_m": 1.8}, {"frames": 24, "seed": 21, **SMALL}),
+}
 FALSE_M = 0.05  # a relation farther from the truth is wrong
 
 
@@ -84,16 +94,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--frames", type=Path, default=Path("bench_out/dives"), help="where frames are kept")
     parser.add_argument("--effort", default="navigation")
-    parser.add_argument("dives", nargs="*", default=list(DIVES))
+    parser.add_argument("dives", nargs="*", default=list(DIVES), help=f"or of {', '.join(OTHERS)}")
     args = parser.parse_args()
     say = sys.stdout.write
     say("| simulated dive | drift 1 / 4 m, % | ATE | scale | segments | bridged, predicted | loops "
         "| wrong loops, steps | offset found, px (sigma) | CPU s a frame |\n|" + " --- |" * 10 + "\n")  # fmt: skip
     plain = LocateParams(loops_a_frame=0, self_calibrate=False)
     for name in args.dives:
-        course, params = DIVES[name]
+        course, params = (DIVES | OTHERS)[name]
         frames = dive_frames(args.frames, args.effort, course, **params)
         say(row(f"{name}, frame to frame", frames, plain) + "\n")
+        say(row(f"{name}, with loops, no bundles", frames, LocateParams(bundle=False)) + "\n")
         say(row(f"{name}, with loops", frames, LocateParams()) + "\n")
         if name == "rich":
             kept = np.random.default_rng(0).uniform(size=len(frames)) >= 0.2

@@ -10,9 +10,9 @@ from helpers.track_scenes import GEOMETRY, bottom, descriptors, motion, seen
 
 from uw_recon_ros import rigid
 from uw_recon_ros.track.bridge import bridge, make_relief
-from uw_recon_ros.track.keypoints import Keypoints, RigError, find_keypoints, packed, points_of
+from uw_recon_ros.track.keypoints import Keypoints, RigError, find_keypoints, packed, points_of, thinned
 from uw_recon_ros.track.params import TrackParams
-from uw_recon_ros.track.relate import KeyPointMatches, linearise, projected, relate, rig_slopes, rival
+from uw_recon_ros.track.relate import KeyPointMatches, linearise, projected, relate, repeats_itself, rig_slopes, rival
 from uw_recon_ros.types import Matrix
 
 PARAMS = TrackParams()
@@ -214,3 +214,12 @@ def test_keypoints_take_their_disparity_and_leave_holes_out() -> None:
     assert np.linalg.norm(found.descriptors, axis=1) == pytest.approx(1.0, abs=1e-3)
     dull = np.full((192, 256, 3), 90, np.uint8)
     assert len(find_keypoints(dull, disparity, np.full_like(disparity, 0.1), PARAMS)) == 0
+
+
+def test_a_floor_whose_places_look_alike_is_told_from_one_whose_do_not() -> None:
+    rng = np.random.default_rng(11)
+    points, names = bottom(rng, 300), descriptors(rng, 300)
+    assert not repeats_itself(seen(points, motion(0, 0, 0, 0, 0, 0), names, rng))
+    tiled = np.tile(names[:30], (10, 1))
+    assert repeats_itself(seen(points, motion(0, 0, 0, 0, 0, 0), tiled, rng))
+    assert not repeats_itself(thinned(seen(points, motion(0, 0, 0, 0, 0, 0), names, rng), 0))

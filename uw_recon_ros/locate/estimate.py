@@ -15,13 +15,14 @@ from uw_recon_ros.align.pose_graph import Anchors, Edges, Solved, joined, no_anc
 from uw_recon_ros.align.self_calibration import RigFinding, calibrate, corrected
 from uw_recon_ros.errors import EstimationError
 from uw_recon_ros.findings import Code, Finding, Severity
+from uw_recon_ros.locate.adjusted_links import adjusted_links
 from uw_recon_ros.locate.level import levelled
 from uw_recon_ros.locate.params import LocateParams
 from uw_recon_ros.locate.priors import Priors, anchors_at, fit_to, held_loosely, relative_guesses
 from uw_recon_ros.locate.visual_odometry import KeypointShelf, Link, VisualOdometry, first_poses, stretches, walk_frames
 from uw_recon_ros.track.keypoints import RigError
 from uw_recon_ros.track.params import TrackParams
-from uw_recon_ros.track.relate import is_ambiguous, relate
+from uw_recon_ros.track.relate import is_ambiguous, relate, repeats_itself
 from uw_recon_ros.trajectory import DisparityFrame, PoseStatus, Trajectory
 from uw_recon_ros.types import Matrix, StereoGeometry
 
@@ -99,7 +100,11 @@ def estimate_trajectory(
     if chosen.level and known and not upright:
         start = levelled(start, parts, links, walk.geometries[0], applied)
     start = fit_to(start, parts, walk.stamps_ns, [p for p in known if p.absolute])
-    solved, kept = _solved(start, links, parts, joined([*given, held_loosely(start, parts, given)]))
+    anchors = joined([*given, held_loosely(start, parts, given)])
+    solved, kept = _solved(start, links, parts, anchors)
+    if chosen.bundle:
+        better = adjusted_links(walk, solved.poses, kept, _reach(walk), applied, tracking.keypoint_sigma_px)
+        solved = _solve_plainly(solved.poses, better, parts, anchors)
     poses = solved.poses
     if chosen.level and not known:
         poses = levelled(poses, parts, links, walk.geometries[0], applied)
@@ -144,10 +149,7 @@ def _loops(
     poses = first_poses(len(parts), walk.links)
     sums = summed_covariances(poses, _steps(len(parts), walk.links))
     for each in (chosen.loops_a_frame, 1):
-        depths = np.nan_to_num(np.array(walk.depths), nan=1.0)
-        geometry = walk.geometries[0]
-        width = 2 * geometry.intrinsics_left[1, 2] / geometry.intrinsics_left[1, 1] * depths
-        pairs = candidates(footprints(poses, depths), _BEYOND_DRIFT * width, parts, each, tried)
+        pairs = candidates(footprints(poses, _depths(walk)), _reach(walk), parts, each, tried)
         for i, k in pairs:
             tried.add((i, k))
             link = _loop(walk, i, k, chosen, tracking)
@@ -161,6 +163,17 @@ def _loops(
     return loops, tried
 
 
+def _depths(walk: VisualOdometry) -> Matrix:
+    depths: Matrix = np.nan_to_num(np.array(walk.depths), nan=1.0)
+    return depths
+
+
+def _reach(walk: VisualOdometry) -> Matrix:
+    """(N,) how far apart footprints may be that show a common place, m."""
+    k = walk.geometries[0].intrinsics_left
+    return _depths(walk) * (_BEYOND_DRIFT * 2 * float(k[1, 2] / k[1, 1]))
+
+
 def _steps(count: int, links: list[Link]) -> Matrix:
     steps = np.zeros((count, 6, 6))
     for link in links:
@@ -171,7 +184,7 @@ def _steps(count: int, links: list[Link]) -> Matrix:
 def _loop(walk: VisualOdometry, i: int, k: int, chosen: LocateParams, tracking: TrackParams) -> Link | None:
     first, second, geometry = walk.keypoints[i].unpacked(), walk.keypoints[k].unpacked(), walk.geometries[k]
     relation = relate(first, second, geometry, tracking, inliers=chosen.loop_inliers)
-    if relation is None or is_ambiguous(first, second, geometry, tracking, relation):
+    if relation is None or repeats_itself(second) or is_ambiguous(first, second, geometry, tracking, relation):
         return None
     return Link(i, k, relation, "loop")
 
@@ -202,9 +215,13 @@ def _solved(start: Matrix, links: list[Link], parts: NDArray[np.int64], anchors:
     kept = [
         link for link, square in zip(links, robust.squares, strict=True) if link.kind != "loop" or square < _LOOP_CHI2
     ]
-    edges = _edges(kept)
-    plain = replace(edges, robust=np.zeros(len(kept), np.bool_))
-    return solve_graph(robust.poses, plain, held, anchors, rounds=10), kept
+    return _solve_plainly(robust.poses, kept, parts, anchors), kept
+
+
+def _solve_plainly(start: Matrix, links: list[Link], parts: NDArray[np.int64], anchors: Anchors) -> Solved:
+    """The graph of links that are all believed."""
+    edges = replace(_edges(links), robust=np.zeros(len(links), np.bool_))
+    return solve_graph(start, edges, _held(parts, anchors), anchors, rounds=10)
 
 
 def _trajectory(walk: VisualOdometry, poses: Matrix, covariances: Matrix, links: list[Link]) -> Trajectory:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from uw_recon_ros.track.bridge import Relief, bridge, make_relief
 from uw_recon_ros.track.keypoints import Keypoints, PackedKeypoints, find_keypoints, packed
 from uw_recon_ros.track.params import TrackParams
-from uw_recon_ros.track.relate import RelativePose, contradicts, is_ambiguous, relate
+from uw_recon_ros.track.relate import RelativePose, contradicts, is_ambiguous, relate, repeats_itself
 from uw_recon_ros.trajectory import DisparityFrame
 from uw_recon_ros.types import Matrix, StereoGeometry
 
@@ -140,7 +140,7 @@ class Walker:
             doubtful = contradicts(found, guess, depth, self._inliers) or is_ambiguous(
                 seen.keypoints, keypoints, geometry, self.params, found, guess
             )
-            if not doubtful:
+            if not doubtful and (seen.index == index - 1 or not repeats_itself(keypoints)):
                 return found
             self.walk.ambiguous.append(index)
         return None

@@ -11,6 +11,7 @@ from uw_recon_ros.track.params import TrackParams
 from uw_recon_ros.types import ByteImage, FloatImage, Matrix, StereoGeometry
 
 _TILES = 8
+_SIFT_SHIFT_PX = 0.25  # OpenCV doubles the image before it looks, and tells all places so much too large
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +98,7 @@ def find_keypoints(left: ByteImage, disparity: FloatImage, sigma: FloatImage, pa
     if found is None or not len(points):
         return Keypoints(np.zeros((0, 3)), np.zeros(0), np.zeros((0, 128), np.float32))
     root = np.sqrt(found / np.maximum(found.sum(axis=1, keepdims=True), 1e-9)).astype(np.float32)
-    pixels = np.array([point.pt for point in points], np.float64)
+    pixels = np.array([point.pt for point in points], np.float64) - _SIFT_SHIFT_PX
     d, s = sampled(disparity, pixels), sampled(sigma, pixels)
     kept = np.isfinite(d) & np.isfinite(s)
     return Keypoints(np.column_stack([pixels, d])[kept], s[kept], root[kept])

@@ -25,6 +25,7 @@ _SHARED = 2.5  # measured: neighbouring key points have the matcher's errors in 
 _LEAST_SIGMA_PX = 0.05  # of a disparity: nobody is surer
 _KEPT = 200  # matches that stay with a relation
 _RIVAL_KEYPOINTS, _RIVAL_SIMILARITY = 700, 0.9
+_TWIN_KEYPOINTS = 300
 _LEAST_RIVAL = 10  # inliers; fewer are chance
 _CLEARLY = 0.33  # how much nearer to the guess the relation has to be than its rival
 _FAR_SHARE, _WEAK_SHARE = 0.1, 0.3  # of the depth, of the usual inliers
@@ -418,6 +419,14 @@ def rival(
     motion, _, _ = refine(begun[0], matches.picked(begun[1]), geometry, params.keypoint_sigma_px)
     inliers = int(_gated(motion, matches, geometry, params.keypoint_sigma_px).sum())
     return inliers, rigid.inverse(motion)
+
+
+def repeats_itself(keypoints: Keypoints) -> bool:
+    """Whether most key points of a view look like others of it: on a tiled floor 95 % do, elsewhere under 30 %."""
+    some = thinned(keypoints, _TWIN_KEYPOINTS)
+    alike = some.descriptors @ some.descriptors.T
+    alike[_near(some.measured[:, :2], some, _APART_PX)] = -1
+    return bool((alike > _RIVAL_SIMILARITY).any(axis=1).mean() > 0.5) if len(some) else False
 
 
 def is_ambiguous(
