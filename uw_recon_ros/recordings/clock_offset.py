@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import cv2
@@ -45,6 +46,7 @@ _LIKE_S = 0.25  # offsets that are no other
 _MOST_LINES = 4  # that are held against the rows
 _ROWS_S = 0.02  # what lenses and misaligned cameras feign in the rows (test/benchmark/filmed_model.py: 0.025 s)
 _REFINED_S = 0.003  # what is left of that once rows' motion was looked at (there: 0.001 to 0.002)
+_DRIFT_SIGMAS = 4.0  # a drift that is less is none: quartzes run alike to 1e-4
 _KNOWN_S = 0.05  # uncertainty beyond which an offset is not known
 
 
@@ -121,18 +123,33 @@ def _by_images(left: Video, right: Video, ours: Marks, theirs: Marks, heard: Sou
 
 def _refined(left: Video, right: Video, ours: Marks, theirs: Marks, clock: Clock) -> Clock:
     """A clock known to a frame, made better by how fast the rows move; as it was where that does not tell."""
-    found, sigma = clock, clock.sigma_s
+    seconds = ours[-1][0] / 1e9
+    refine = partial(refine_row_lag, left, right, ours, theirs)
+    found, drift_sigma = clock, 0.0
+    if seconds * _MOST_DRIFT > _TELLS_DRIFT_S:
+        lag = refine(found.right_of, drifts=True)
+        if lag is not None and lag.sigma_s <= _KNOWN_S / 2 and abs(clock.drift + lag.drift) <= _MOST_DRIFT:
+            found, drift_sigma = _straightened(found, lag, seconds)
     for _ in range(2):  # the second time with the frames that are nearest now
-        lag = refine_row_lag(left, right, ours, theirs, found.right_of)
+        lag = refine(found.right_of, drifts=False)
         if lag is None or lag.sigma_s > _KNOWN_S / 2 or abs(lag.shift_s) > _LIKE_S:
             return clock
         found = replace(found, offset_ns=found.offset_ns + round(lag.shift_s * 1e9))
-        sigma = float(np.hypot(lag.sigma_s, _REFINED_S))
+        sigma = float(np.hypot(np.hypot(lag.sigma_s, _REFINED_S), lag.middle_s * drift_sigma))
     told = (
         f"right clock ahead by {found.offset_ns / 1e9:.4f} s at the first frame (sigma {sigma:.4f} s), found from "
         f"motion and light, and from vertical error against the rows' motion; drift {1e3 * found.drift:+.3f} ms/s"
     )
     return replace(found, sigma_s=sigma, told=(told,))
+
+
+def _straightened(clock: Clock, lag: RowLag, seconds: float) -> tuple[Clock, float]:
+    """A clock by what its rows say of its drift, and the drift's sigma; one that may be none is none."""
+    drift, sigma = clock.drift + lag.drift, float(np.hypot(lag.drift_sigma, _REFINED_S / seconds))
+    in_the_middle = clock.offset_ns / 1e9 + clock.drift * lag.middle_s + lag.shift_s + lag.drift * lag.middle_s
+    if abs(drift) < _DRIFT_SIGMAS * sigma:
+        drift, sigma = 0.0, 0.0
+    return replace(clock, offset_ns=round((in_the_middle - drift * lag.middle_s) * 1e9), drift=drift), sigma
 
 
 # ---- sound -----------------------------------------------------------------------------------------------------------

@@ -43,15 +43,23 @@ class RowLag:
     Parameters
     ----------
     shift_s : float
-        To be added to it.
+        To be added to it, at the left video's first frame.
     sigma_s : float
+        In the middle of the moments looked at.
     spread_px : float
         How much the rows still vary from moment to moment, px of frames 320 px wide.
+    drift, drift_sigma : float
+        To be added to its drift, s a second; NaN sigma where this was not asked.
+    middle_s : float
+        That middle, on the left video's clock.
     """
 
     shift_s: float
     sigma_s: float
     spread_px: float
+    drift: float = 0.0
+    drift_sigma: float = float("nan")
+    middle_s: float = 0.0
 
 
 def find_row_lag(
@@ -91,7 +99,7 @@ def find_row_lag(
 
 
 def refine_row_lag(
-    left: Video, right: Video, ours: Marks, theirs: Marks, right_of: Callable[[int], int]
+    left: Video, right: Video, ours: Marks, theirs: Marks, right_of: Callable[[int], int], drifts: bool
 ) -> RowLag | None:
     """What is left of an offset that is known to about a frame.
 
@@ -99,6 +107,8 @@ def refine_row_lag(
     ----------
     left, right, ours, theirs, right_of
         As in `find_row_lag`.
+    drifts : bool
+        Whether to look for what is left of the drift too.
 
     Returns
     -------
@@ -118,8 +128,8 @@ def refine_row_lag(
         moved = _offsets(left, one, left, [other])[0]
         rates = -moved[:2] / ((last - first) / 1e9)
         for k, offset in zip(near, _offsets(left, mark, right, [theirs[k][1] for k in near]), strict=True):
-            found.append((*offset, *rates, (stamps[k] - right_of(stamp)) / 1e9))
-    return _ratio(np.array(found).reshape(-1, 7))
+            found.append((*offset, *rates, (stamps[k] - right_of(stamp)) / 1e9, stamp / 1e9))
+    return _ratio(np.array(found).reshape(-1, 8), drifts)
 
 
 def _around(ours: Marks, n: int) -> tuple[int, int]:
@@ -132,14 +142,16 @@ def _around(ours: Marks, n: int) -> tuple[int, int]:
     return before, after
 
 
-def _ratio(seen: Matrix) -> RowLag | None:
-    """The time that rows (N, 7: offset across, along; rest across, along; rate across, along; lag) tell."""
+def _ratio(seen: Matrix, drifts: bool) -> RowLag | None:
+    """The time that rows (N, 8: offset across, along; rest across, along; rate across, along; lag; moment) tell."""
     seen = seen[np.isfinite(seen).all(axis=1)]
     if len(seen) < _REFINED_ENOUGH:
         return None
     axis = int(np.median(seen[:, 2]) > np.median(seen[:, 3]))
     offset, along, rate, lag = seen[:, axis], seen[:, 1 - axis], seen[:, 4 + axis], seen[:, 6]
-    design = np.stack([np.ones(len(seen)), along - along.mean(), -rate], axis=1)
+    middle = float(seen[:, 7].mean())
+    columns = [np.ones(len(seen)), along - along.mean(), -rate, -rate * (seen[:, 7] - middle)]
+    design = np.stack(columns[: 3 + drifts], axis=1)
     values, kept = offset + rate * lag, np.ones(len(seen), np.bool_)
     for _ in range(4):
         if kept.sum() < _REFINED_ENOUGH:
@@ -148,8 +160,12 @@ def _ratio(seen: Matrix) -> RowLag | None:
         rest = values - design @ solution
         noise = max(_spread(rest[kept]), 0.02)
         kept = np.abs(rest) < 3 * noise
-    covariance = noise**2 * np.linalg.pinv(design[kept].T @ design[kept])
-    return RowLag(-float(solution[2]), float(np.sqrt(covariance[2, 2])), noise)
+    sigmas = noise * np.sqrt(np.diag(np.linalg.pinv(design[kept].T @ design[kept])))
+    shift, sigma = -float(solution[2]), float(sigmas[2])
+    if not drifts:
+        return RowLag(shift, sigma, noise, middle_s=middle)
+    drift = -float(solution[3])
+    return RowLag(shift - drift * middle, sigma, noise, drift, float(sigmas[3]), middle)
 
 
 def _offsets(left: Video, mark: int, right: Video, others: list[int]) -> Matrix:
