@@ -58,6 +58,7 @@ def _report(result: Products) -> PairReport:
             "inliers": quality.inliers,
             "medium": quality.medium or None,
             "shape_sigma_percent": finite(quality.shape_sigma_percent),
+            "lens_k1": finite(quality.lens_k1),
             "calibration_depth_sigmas": quality.origin.depth_sigmas,
             "refused": None,
             "warnings": [str(finding) for finding in quality.warnings],
@@ -104,7 +105,7 @@ def _geometry(depth: DepthMap) -> PairReport:
 def _failure(stage: str, error: ReconError) -> PairReport:
     """A report of the same form for a pair that did not come through."""
     nothing = dict.fromkeys(
-        ["method", "row_error_median_px", "row_error_p95_px", "inliers", "medium", "shape_sigma_percent"]
+        ["method", "row_error_median_px", "row_error_p95_px", "inliers", "medium", "shape_sigma_percent", "lens_k1"]
     ) | {"calibration_depth_sigmas": ()}
     names = ("method", "energy", "seconds", "density", "min_disparity", "max_disparity", "residual_row_px")
     return {

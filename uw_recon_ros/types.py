@@ -348,6 +348,9 @@ class RectificationQuality:
     shape_sigma_percent : float
         Of an uncalibrated shape: standard deviation of relative depths, by focal length and plane at infinity; NaN for
         a calibrated one.
+    lens_k1 : float
+        Of an uncalibrated rig: radial distortion estimated from the tie points, of both lenses, as ``plumb_bob`` has
+        it; 0: none that is significant; NaN for a calibrated one.
     origin : CalibrationOrigin
         Of the calibration.
     """
@@ -359,6 +362,7 @@ class RectificationQuality:
     warnings: tuple[Finding, ...] = ()
     medium: str = ""
     shape_sigma_percent: float = float("nan")
+    lens_k1: float = float("nan")
     origin: CalibrationOrigin = CalibrationOrigin()
 
 

@@ -101,6 +101,7 @@ def report_rectification(diagnostics: Diagnostics, pair: RectifiedPair) -> None:
         inliers=quality.inliers,
         medium=quality.medium or None,
         shape_sigma_percent=f"{shape:.1f}" if math.isfinite(shape := quality.shape_sigma_percent) else None,
+        lens_k1=f"{k1:.3f}" if math.isfinite(k1 := quality.lens_k1) else None,
         scale="metric" if pair.geometry.metric else "unknown",
         rectifying_rotation_deg=f"{rectified_frame.rotation_deg(pair.geometry):.3f}",
     )

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from uw_recon_ros.rectify.lens import Lens
 from uw_recon_ros.rectify.params import RectifyParams
 from uw_recon_ros.rectify.quasi_euclidean import QuasiEuclidean, fit_quasi_euclidean
 from uw_recon_ros.rectify.rectification import row_statistics
@@ -30,6 +31,8 @@ class Candidate:
     fitted, held_out, everything : TiePoints
         Those of the fit, those it is measured on, both together.
     fit : QuasiEuclidean
+        To what its lens straightens.
+    lens : Lens
     """
 
     axis: Axis
@@ -37,16 +40,18 @@ class Candidate:
     held_out: TiePoints
     everything: TiePoints
     fit: QuasiEuclidean
+    lens: Lens = field(default_factory=Lens)
 
 
-def _fit(tie_points: TiePoints, params: RectifyParams) -> QuasiEuclidean:
+def fit_rig(tie_points: TiePoints, params: RectifyParams) -> QuasiEuclidean:
+    """Fit to all tie points of a horizontal rig."""
     return fit_quasi_euclidean(
         tie_points.left, tie_points.right, tie_points.width, tie_points.height,
         focal_px=params.focal_px or None, prior_weight=params.rig_prior_weight, seed=params.rectify_seed,
     )  # fmt: skip
 
 
-def _trimmed_fit(tie_points: TiePoints, first: QuasiEuclidean, params: RectifyParams) -> QuasiEuclidean:
+def trimmed_fit(tie_points: TiePoints, first: QuasiEuclidean, params: RectifyParams) -> QuasiEuclidean:
     """Fit again without the matches that stray, twice."""
     fit = first
     for _ in range(2):
@@ -54,14 +59,14 @@ def _trimmed_fit(tie_points: TiePoints, first: QuasiEuclidean, params: RectifyPa
         limit = max(_TRIM_SIGMA * 1.4826 * float(np.median(distance)), _TRIM_FLOOR_PX)
         if (distance > limit).sum() in (0, len(tie_points)):
             return fit
-        fit = _fit(tie_points.take(distance <= limit), params)
+        fit = fit_rig(tie_points.take(distance <= limit), params)
     return fit
 
 
 def _candidate(axis: Axis, tie_points: TiePoints, held: Mask, params: RectifyParams) -> Candidate:
     level = tie_points if axis == "horizontal" else tie_points.transposed()
     fitted = level.take(~held)
-    return Candidate(axis, fitted, level.take(held), level, _fit(fitted, params))
+    return Candidate(axis, fitted, level.take(held), level, fit_rig(fitted, params))
 
 
 def choose_axis(tie_points: TiePoints, params: RectifyParams) -> Candidate:
@@ -74,7 +79,7 @@ def choose_axis(tie_points: TiePoints, params: RectifyParams) -> Candidate:
         axes = tuple(axis for axis in axes if axis == params.rig_axis)
     candidates = [_candidate(axis, tie_points, held, params) for axis in axes]
     chosen = min(candidates, key=lambda c: c.fit.cost_px2)
-    return replace(chosen, fit=_trimmed_fit(chosen.fitted, chosen.fit, params))
+    return replace(chosen, fit=trimmed_fit(chosen.fitted, chosen.fit, params))
 
 
 def rows_already_aligned(candidate: Candidate, params: RectifyParams) -> bool:

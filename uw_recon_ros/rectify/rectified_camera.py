@@ -63,11 +63,11 @@ class RectifiedCamera:
         return replace(self, k_new=np.array([[1, 0, -u], [0, 1, -v], [0, 0, 1.0]]) @ self.k_new)
 
     def transposed(self) -> RectifiedCamera:
-        """Rows and columns exchanged, raw and rectified; for views without distortion."""
-        if self.distorted:
-            raise ValueError("view: expected no distortion to exchange rows and columns")
+        """Rows and columns exchanged, raw and rectified; for lenses whose distortion is radial."""
+        if self.d[2:4].any() or self.distortion_model != "plumb_bob":
+            raise ValueError(f"view: expected radial distortion to exchange rows and columns, got {self.d}")
         swap = np.eye(3)[[1, 0, 2]]
-        return RectifiedCamera(swap @ self.k @ swap, swap @ self.r @ swap, swap @ self.k_new @ swap)
+        return replace(self, k=swap @ self.k @ swap, r=swap @ self.r @ swap, k_new=swap @ self.k_new @ swap)
 
     def rectified(self, raw: Matrix) -> Matrix:
         """Rectified pixels of raw ones, (N, 2) px to (N, 2) px; NaN behind the rectified camera."""

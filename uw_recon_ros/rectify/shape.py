@@ -2,8 +2,8 @@
 
 With ``Z = f B / p`` (p the disparity counted from infinity) an error e of infinity scales depths by ``1 - e / p``: the
 far ones more than the near ones. An error of the focal length stretches all depths against width and height. Worse
-than noise is a lens whose distortion nobody has told: what it would change is added. Where the plane at infinity had to
-be moved, the way it was moved by is as uncertain as it is long.
+than noise is a lens whose distortion is not known: what it would change, by as much as it is uncertain, is added. Where
+the plane at infinity had to be moved, the way it was moved by is as uncertain as it is long.
 """
 
 from __future__ import annotations
@@ -11,14 +11,14 @@ from __future__ import annotations
 import numpy as np
 
 from uw_recon_ros.findings import Code, Finding
+from uw_recon_ros.rectify.lens import Lens
+from uw_recon_ros.rectify.model_selection import Candidate, fit_rig
 from uw_recon_ros.rectify.params import RectifyParams
-from uw_recon_ros.rectify.quasi_euclidean import QuasiEuclidean, fit_quasi_euclidean
-from uw_recon_ros.rectify.tie_points import TiePoints
+from uw_recon_ros.rectify.quasi_euclidean import QuasiEuclidean
 from uw_recon_ros.types import Matrix
 
 _TAIL = 0.05
 USUAL_FOCAL = 3.0**-0.5  #: of w + h: what the prior of the fit assumes
-_LENS_K1 = -0.1  # a lens whose distortion nobody has told, as it is behind a port
 
 
 def shape_sigma(parallax: Matrix, infinity_sigma_px: float, focal_sigma: float) -> float:
@@ -38,38 +38,21 @@ def shape_sigma(parallax: Matrix, infinity_sigma_px: float, focal_sigma: float) 
     return 100 * float(np.hypot(bent, focal_sigma))
 
 
-def with_lens(fit: QuasiEuclidean, tie_points: TiePoints, params: RectifyParams) -> tuple[float, float]:
-    """Uncertainties of infinity (px) and focal length (share): the fit's own, and of a lens that it knows nothing of.
+def with_lens(candidate: Candidate, params: RectifyParams) -> tuple[float, float]:
+    """Uncertainties of infinity (px) and focal length (share): the fit's own, and of what is not known of the lens.
 
-    A second fit says how far both would move had the lens the radial distortion ``_LENS_K1``.
+    A second fit says how far both would move did the lens bend lines by a standard deviation more.
 
     Parameters
     ----------
-    fit : QuasiEuclidean
-        To `tie_points`, without distortion.
-    tie_points : TiePoints
+    candidate : Candidate
     params : RectifyParams
     """
-    left, right = (_straightened(pixels, tie_points, params) for pixels in (tie_points.left, tie_points.right))
-    other = fit_quasi_euclidean(
-        left, right, tie_points.width, tie_points.height, focal_px=params.focal_px or None,
-        prior_weight=params.rig_prior_weight, seed=params.rectify_seed,
-    )  # fmt: skip
+    fit, lens = candidate.fit, candidate.lens
+    other = fit_rig(Lens(lens.bend - lens.sigma).straightened(candidate.fitted), params)
     infinity = fit.focal_px * (_convergence(other) - _convergence(fit))
     focal = np.log(other.focal_px / fit.focal_px)
     return float(np.hypot(fit.infinity_sigma_px, infinity)), float(np.hypot(fit.focal_sigma, focal))
-
-
-def _straightened(pixels: Matrix, tie_points: TiePoints, params: RectifyParams) -> Matrix:
-    """As a lens of ``_LENS_K1`` would have shown them without its distortion, to first order.
-
-    Not by the fitted focal length, which such a lens spoils.
-    """
-    focal_px = params.focal_px or USUAL_FOCAL * (tie_points.width + tie_points.height)
-    centre = np.array([tie_points.width - 1, tie_points.height - 1]) / 2
-    rays = (pixels - centre) / focal_px
-    straight: Matrix = centre + focal_px * rays * (1 - _LENS_K1 * np.square(rays).sum(axis=1, keepdims=True))
-    return straight
 
 
 def _convergence(fit: QuasiEuclidean) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 from uw_recon_ros.errors import EstimationError
 from uw_recon_ros.findings import Code, Finding, Severity
 from uw_recon_ros.rectify.camera_order import sided
+from uw_recon_ros.rectify.lens_search import find_lens
 from uw_recon_ros.rectify.model_selection import Candidate, choose_axis, rows_already_aligned
 from uw_recon_ros.rectify.params import RectifyParams
 from uw_recon_ros.rectify.quality import flatness_warnings, forward_motion, refusals
@@ -72,7 +73,8 @@ def _views(candidate: Candidate) -> Views | None:
     """
     points, fit = candidate.everything, candidate.fit
     k = _intrinsics(points, fit.focal_px)
-    views = [RectifiedCamera(k, rotation, k) for rotation in (fit.rotation_left, fit.rotation_right)]
+    d = candidate.lens.distortion(fit.focal_px, points.width, points.height)
+    views = [RectifiedCamera(k, rotation, k, d) for rotation in (fit.rotation_left, fit.rotation_right)]
     moves = np.array([warped_centre(view, points.width, points.height) for view in views]) - k[:2, 2]
     moves[:, 1] = moves[:, 1].mean()
     if not np.isfinite(moves).all():
@@ -146,6 +148,7 @@ def _judged(
         inliers=len(candidate.everything),
         warnings=warnings + flat + projective(shape, params),
         shape_sigma_percent=shape,
+        lens_k1=float(rectification.left.d[0]),
     )
     return replace(rectification, quality=quality, flat=bool(flat))
 
@@ -199,7 +202,8 @@ def estimate_rectification(tie_points: TiePoints, params: RectifyParams) -> Rect
     if rows_already_aligned(candidate, params):
         rectification = _as_given(candidate, params)
     else:
+        candidate = find_lens(candidate, params)
         rectification = _warped(candidate, _sound_views(candidate, params), params)
-    uncertain = with_lens(candidate.fit, candidate.fitted, params)
+    uncertain = with_lens(candidate, params)
     rectification, warnings = sided(rectification, candidate, uncertain[0])
     return _upright(_judged(rectification, candidate, warnings, uncertain, params), candidate.axis)

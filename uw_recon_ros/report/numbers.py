@@ -95,7 +95,7 @@ def error_rows(errors: DepthErrors, unit: str) -> Rows:
 
 def rectification_rows(quality: RectificationQuality) -> Rows:
     """A table of how well the rows agree, and what is known of scale and shape."""
-    sigma = quality.shape_sigma_percent
+    sigma, k1 = quality.shape_sigma_percent, quality.lens_k1
     return [
         ("Method", quality.method),
         ("Vertical (epipolar) error, median", measured(quality.row_error_median_px, "px")),
@@ -103,6 +103,7 @@ def rectification_rows(quality: RectificationQuality) -> Rows:
         ("Tie points that agree", f"{quality.inliers}"),
         *([("Medium, by the rows", quality.medium)] if quality.medium else []),
         *([("Uncertainty of relative depths", f"{sigma:.1f} %")] if math.isfinite(sigma) else []),
+        *([("Lens distortion estimated", f"k1 = {k1:.3f}")] if math.isfinite(k1) and k1 != 0 else []),
     ]
 
 

@@ -163,6 +163,7 @@ def _rig(found: Rectification) -> dict[str, Any]:
         "inliers": quality.inliers,
         "medium": quality.medium or None,
         "shape_sigma_percent": finite(quality.shape_sigma_percent),
+        "lens_k1": finite(quality.lens_k1),
         "calibration_depth_sigmas": quality.origin.depth_sigmas,
         "warnings": [str(finding) for finding in quality.warnings],
         "axis": geometry.axis,
