@@ -40,6 +40,7 @@ from uw_recon_ros.match.planes.open_water import OpenWater, open_water
 from uw_recon_ros.match.planes.previous_frame import FrameBefore, move_planes
 from uw_recon_ros.match.planes.proposals import BEFORE, FIT, NEAR, OWN, POINTS, SHAKEN, Sources
 from uw_recon_ros.match.planes.refinement import Pass, disparity_of, refine
+from uw_recon_ros.match.planes.sharpness import equally_sharp
 from uw_recon_ros.match.planes.texture import Texture, untextured_mask
 from uw_recon_ros.match.planes.thread_pool import row_bands, run_parallel
 from uw_recon_ros.match.planes.unsupported import unfounded
@@ -218,17 +219,18 @@ def _planes(
 
 def _view(image: View, other: View, seen: FloatImage, usable: Mask, limits: tuple[int, int], threads: int) -> CostData:
     shape = image.gray.shape
+    gray, other_gray = equally_sharp(image.gray, other.gray)
     arms, inverse = np.empty((4, *shape), np.uint8), np.empty(shape, np.float32)
     run_parallel(lambda b: measure_arms(image.pixels, *b, arms), row_bands(shape[0], threads), threads)
     inverse_size(arms, inverse)
     softness, sign = cost_weights(image.noise)
     pattern = WIDE if image.noise > 0.5 else CLOSE
-    usual = typical_costs(image.gray, other.gray, pattern, softness, sign, seen, usable)
+    usual = typical_costs(gray, other_gray, pattern, softness, sign, seen, usable)
     largest = len(pattern) * (softness + sign)
     outside = np.maximum(np.where(usable, OUTSIDE_SEEN, OUTSIDE) / WORST * usual.cut, usual.matched)
     return CostData(
-        extend_borders(image.gray), np.int16(softness), np.int16(sign), np.int16(round(usual.cut * largest)),
-        np.round(outside * largest).astype(np.int16), pattern, _between_pixels(other.gray, threads), arms, inverse,
+        extend_borders(gray), np.int16(softness), np.int16(sign), np.int16(round(usual.cut * largest)),
+        np.round(outside * largest).astype(np.int16), pattern, _between_pixels(other_gray, threads), arms, inverse,
         np.float32(limits[0]), np.float32(limits[1]),
     )  # fmt: skip
 
