@@ -1,14 +1,17 @@
 """Lengths measured in simulated pairs against the truth.
 
-``python test/benchmark/measure_lengths.py [--distances 0.7 1.3 2.5] [--lengths 60]``: point to point between drawn
-pixels of the true surface, 0.2 to 1 m apart, through all stages with the true calibration; exact clicks, so that what
-is left is the depth's. A length counts as within its sigma without the part of clicking. `--ends-px 0.1`: no matching;
-the true disparity of each end errs by that standard deviation: what lengths cannot be better than.
+``python test/benchmark/measure_lengths.py [--sizes 480x360 960x720] [--distances 0.7 1.3 2.5] [--effort balanced]``:
+point to point between drawn pixels of the true surface, 0.2 to 1 m apart, through all stages with the true calibration;
+exact clicks, so that what is left is the depth's. Of all lengths, and of those whose ends both lie over 4 px from a
+silhouette (a step of the true disparity by 2 px). A length counts as within its sigma without the part of clicking.
+`--ends-px 0.1`: no matching; the true disparity of each end errs by that standard deviation: what lengths cannot be
+better than.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import sys
 
 import numpy as np
@@ -20,11 +23,20 @@ from uw_recon_ros.measure.quantities import measure_polyline, point_of
 from uw_recon_ros.reconstruct.stage import Reconstruct
 from uw_recon_ros.trajectory import DisparityFrame
 
+_AWAY_PX = 4
 
-def errors_of(scene: str, distance_m: float, count: int, seed: int) -> tuple[np.ndarray, np.ndarray, int]:
-    """Relative errors, errors over sigma, and how many lengths were refused."""
-    view = view_of(scene=scene, distance_m=distance_m, seed=seed, width=480, height=360)
-    found = Match(MatchParams(effort="balanced"))(view.pair)
+
+def by_silhouette(disparity: np.ndarray, u: int, v: int) -> bool:
+    """Whether the true surface steps within 4 px."""
+    return bool(np.ptp(disparity[max(v - _AWAY_PX, 0) : v + _AWAY_PX + 1, max(u - _AWAY_PX, 0) : u + _AWAY_PX + 1]) > 2)
+
+
+def errors_of(
+    scene: str, distance_m: float, count: int, seed: int, size: tuple[int, int], effort: str
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    """Relative errors, errors over sigma, whether both ends are off silhouettes, and how many lengths were refused."""
+    view = view_of(scene=scene, distance_m=distance_m, seed=seed, width=size[0], height=size[1])
+    found = Match(MatchParams(effort=effort))(view.pair)
     depth = Reconstruct().depth(found)
     kept = np.where(np.isfinite(depth.depth), found.disparity, np.float32(np.nan))
     frame = DisparityFrame(0, view.pair.left, kept, found.sigma, found.geometry)
@@ -41,14 +53,17 @@ def errors_of(scene: str, distance_m: float, count: int, seed: int) -> tuple[np.
         except EstimationError:
             refused += 1
             continue
-        rows.append((made.value / true - 1, (made.value - true) / made.sigma_disparity))
+        off = not any(by_silhouette(view.disparity, *end) for end in ((u0, v0), (u1, v1)))
+        rows.append((made.value / true - 1, (made.value - true) / made.sigma_disparity, off))
     errors = np.array(rows)
-    return errors[:, 0], errors[:, 1], refused
+    return errors[:, 0], errors[:, 1], errors[:, 2] > 0, refused
 
 
-def errors_of_ends(scene: str, distance_m: float, count: int, seed: int, ends_px: float) -> np.ndarray:
+def errors_of_ends(
+    scene: str, distance_m: float, count: int, seed: int, ends_px: float, size: tuple[int, int]
+) -> np.ndarray:
     """Relative errors of lengths between ends whose disparities err by a standard deviation."""
-    view = view_of(scene=scene, distance_m=distance_m, seed=seed, width=480, height=360)
+    view = view_of(scene=scene, distance_m=distance_m, seed=seed, width=size[0], height=size[1])
     rng, rows = np.random.default_rng(seed), []
     height, width = view.disparity.shape
     while len(rows) < count:
@@ -65,11 +80,19 @@ def errors_of_ends(scene: str, distance_m: float, count: int, seed: int, ends_px
     return np.array(rows)
 
 
+def _size(text: str) -> tuple[int, int]:
+    width, height = text.split("x")
+    return int(width), int(height)
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--distances", type=float, nargs="+", default=[0.7, 1.3, 2.5])
     parser.add_argument("--scenes", nargs="+", default=["amphora", "reef"])
+    parser.add_argument("--sizes", type=_size, nargs="+", default=[(480, 360)])
+    parser.add_argument("--effort", default="balanced")
+    parser.add_argument("--seed", type=int, default=3)
     parser.add_argument("--lengths", type=int, default=60)
     parser.add_argument("--ends-px", type=float, default=0.0)
     args = parser.parse_args()
@@ -77,20 +100,23 @@ def main() -> None:
     if args.ends_px:
         for scene in args.scenes:
             for distance in args.distances:
-                errors = 100 * np.abs(errors_of_ends(scene, distance, args.lengths, 3, args.ends_px))
+                errors = 100 * np.abs(
+                    errors_of_ends(scene, distance, args.lengths, args.seed, args.ends_px, args.sizes[0])
+                )
                 write(f"{scene}, {distance:g} m, ends off by {args.ends_px:g} px: mean error {errors.mean():.2f} %, ")
                 write(f"95 % under {np.quantile(errors, 0.95):.2f} %\n")
         return
-    write("| scene | distance, m | lengths | refused | mean error, % | 95 % under, % | within 1 sigma (disparity) |\n")
-    write("|" + " --- |" * 7 + "\n")
-    for scene in args.scenes:
-        for distance in args.distances:
-            relative, over, refused = errors_of(scene, distance, args.lengths, 3)
-            write(
-                f"| {scene} | {distance:g} | {len(relative)} | {refused} | {100 * np.abs(relative).mean():.2f} | "
-                f"{100 * np.quantile(np.abs(relative), 0.95):.2f} | {np.mean(np.abs(over) <= 1):.0%} |\n"
-            )
-            sys.stdout.flush()
+    write("| px | scene | distance, m | lengths | refused | mean error, % | 95 % under, % | ")
+    write("off silhouettes: lengths | mean, % | 95 %, % | within 1 sigma (disparity) |\n" + "|" + " --- |" * 11 + "\n")
+    for size, scene, distance in itertools.product(args.sizes, args.scenes, args.distances):
+        relative, over, off, refused = errors_of(scene, distance, args.lengths, args.seed, size, args.effort)
+        parts = [100 * np.abs(part) for part in (relative, relative[off])]
+        told = [f"{part.mean():.2f} | {np.quantile(part, 0.95):.2f}" for part in parts]
+        write(
+            f"| {size[0]}x{size[1]} | {scene} | {distance:g} | {len(relative)} | {refused} | {told[0]} | "
+            f"{off.sum()} | {told[1]} | {np.mean(np.abs(over) <= 1):.0%} |\n"
+        )
+        sys.stdout.flush()
 
 
 if __name__ == "__main__":

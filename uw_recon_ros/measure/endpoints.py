@@ -1,9 +1,9 @@
 """The disparity at the ends of a segment, robust where an end lies on a silhouette.
 
 Along a straight line in space disparity is linear in the image. So disparities are read along the segment, and a line
-is fitted that most of them agree with. Where it holds from end to end, and with what is seen at the ends, it is taken;
-where not, an end on a smooth surface is what is seen there, and an end on a silhouette what the segment shows shortly
-before it: background seen past an edge does not agree, and does not count.
+is fitted that most of them agree with. An end on a smooth surface is what is seen there. An end on a silhouette is what
+the line says, where it holds from end to end as well as its noise lets it, as along a board; where not, as over
+anything round, what the segment shows right before it: background seen past an edge does not agree, nor does it count.
 
 ``report/measure_numbers.js`` does the same in pages; a test holds the two together.
 """
@@ -20,11 +20,12 @@ from uw_recon_ros.measure.random_draws import below
 from uw_recon_ros.trajectory import DisparityFrame
 from uw_recon_ros.types import Matrix
 
-_SPOT_PX = 4  # radius of what is one surface, or a silhouette
+_SPOT_PX = (4, 2)  # radius of what is one surface, or a silhouette; the larger first
 _BAND_PX = 2  # to either side of the segment
-_INWARDS_PX = 25.0
+_INWARDS_PX = 6.0
 _LEAST = 8  # disparities
 _STRAIGHT = 0.7  # share that must agree for the whole segment to be one line
+_BY_NOISE = 1.25  # scatter over sigma, up to which a line is as straight as its noise tells
 _TOLERANCE = 3.0  # times sigma
 _LEAST_TOLERANCE_PX = 0.3
 CORRELATED_PX = 8.0  #: along the image, over which a matcher's errors are alike
@@ -64,14 +65,13 @@ class _Line:
     count: float
     agreed: float
     reach: tuple[float, float]
+    by_noise: bool
 
     def straight(self, length: float) -> bool:
         """Whether it holds from end to end."""
-        return self.agreed >= _STRAIGHT and self.reach[0] < 0.2 * length and self.reach[1] > 0.8 * length
-
-    def meets(self, end: End, t: float) -> bool:
-        """Whether it agrees with what is seen at an end."""
-        return abs(self.at(t)[0] - end.disparity) <= max(_TOLERANCE * end.sigma, _LEAST_TOLERANCE_PX)
+        return (
+            self.by_noise and self.agreed >= _STRAIGHT and self.reach[0] < 0.2 * length and self.reach[1] > 0.8 * length
+        )
 
     def at(self, t: float) -> tuple[float, float]:
         """Disparity and its standard deviation."""
@@ -97,18 +97,17 @@ def segment_ends(frame: DisparityFrame, first: Matrix, second: Matrix) -> tuple[
     if length < 2:
         raise EstimationError("segment: expected two different points, got one twice", Code.MEASURE_NO_DEPTH)
     t, d, sigma = _read(frame, first, second, length)
-    whole = _fitted(t, d, sigma)
-    ends = []
+    whole, ends = _fitted(t, d, sigma), list[End]()
     for point, at in ((first, 0.0), (second, length)):
-        found = _seen_there(frame, point)
-        if whole is not None and whole.straight(length) and (found is None or whole.meets(found, at)):
+        found = _seen_there(frame, point, _SPOT_PX[0])
+        if found is None and whole is not None and whole.straight(length):
             found = _end(point, whole, at)
-        ends.append(found or _inwards(point, at, length, t, d, sigma))
+        ends.append(found or _seen_there(frame, point, _SPOT_PX[1]) or _inwards(point, at, length, t, d, sigma))
     return ends[0], ends[1]
 
 
 def _inwards(point: Matrix, at: float, length: float, t: Matrix, d: Matrix, sigma: Matrix) -> End:
-    """An end on a silhouette: what the segment shows shortly before it."""
+    """An end on a silhouette: what the segment shows right before it."""
     near = np.abs(t - at) <= min(_INWARDS_PX, max(length / 3, 6.0))
     line = _fitted(t[near], d[near], sigma[near])
     if line is None:
@@ -120,10 +119,10 @@ def _inwards(point: Matrix, at: float, length: float, t: Matrix, d: Matrix, sigm
     return _end(point, line, at)
 
 
-def _seen_there(frame: DisparityFrame, point: Matrix) -> End | None:
-    """An end on one smooth surface; None at a silhouette, or without depth."""
+def _seen_there(frame: DisparityFrame, point: Matrix, reach: int) -> End | None:
+    """An end on one surface, smooth within `reach` px; None at a silhouette, or without depth."""
     u, v = (round(float(x)) for x in point)
-    part = slice(max(v - _SPOT_PX, 0), v + _SPOT_PX + 1), slice(max(u - _SPOT_PX, 0), u + _SPOT_PX + 1)
+    part = slice(max(v - reach, 0), v + reach + 1), slice(max(u - reach, 0), u + reach + 1)
     rows, columns = np.mgrid[part]
     d, sigma = frame.disparity[part], frame.sigma[part]
     known = np.isfinite(d)
@@ -172,10 +171,11 @@ def _fitted(t: Matrix, d: Matrix, sigma: Matrix) -> _Line | None:
         return None
     slope, offset = _line_through(t[agree], d[agree])
     scatter = float(np.sqrt(np.mean((d[agree] - offset - slope * t[agree]) ** 2)))
-    length = max(float(np.ptp(t[agree])), 1.0)
+    length, noise = max(float(np.ptp(t[agree])), 1.0), float(np.median(sigma[agree]))
     return _Line(
-        offset, slope, max(scatter, float(np.median(sigma[agree]))), float(t[agree].mean()), float(t[agree].std()),
+        offset, slope, max(scatter, noise), float(t[agree].mean()), float(t[agree].std()),
         max(length / CORRELATED_PX, 1.0), float(agree.mean()), (float(t[agree].min()), float(t[agree].max())),
+        scatter <= _BY_NOISE * noise,
     )  # fmt: skip
 
 

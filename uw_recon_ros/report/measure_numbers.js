@@ -2,7 +2,7 @@
 // Lengths, heights and areas in one view with its disparity: what measure/ends.py and measure/quantities.py do, line
 // for line, so that a page and `uw_recon measure` give one answer. Names are the same; explanations stand there.
 globalThis.uwMeasure = (() => {
-  const SPOT_PX = 4, BAND_PX = 2, INWARDS_PX = 25, LEAST = 8, STRAIGHT = 0.7, TOLERANCE = 3, LEAST_TOLERANCE_PX = 0.3;
+  const SPOT_PX = [4, 2], BAND_PX = 2, INWARDS_PX = 6, LEAST = 8, STRAIGHT = 0.7, BY_NOISE = 1.25, TOLERANCE = 3, LEAST_TOLERANCE_PX = 0.3;
   const CORRELATED_PX = 8, DRAWS = 200, PLACE_PX = 6, PLANE_DRAWS = 300, PLANE_MOST = 4000;
   const CELLS_MOST = 60, CELLS_LEAST = 8, TILTED_BY_NOISE = 0.1, REPEATS = 24, WHOLE = 2 ** 32;
 
@@ -84,8 +84,7 @@ globalThis.uwMeasure = (() => {
   // ---- measure/ends.py ----
 
   const at = (line, t) => [line.offset + line.slope * t, line.sigma * Math.sqrt((1 + ((t - line.middle) / Math.max(line.spread, 1e-9)) ** 2) / line.count)];
-  const straight = (line, length) => line.agreed >= STRAIGHT && line.reach[0] < 0.2 * length && line.reach[1] > 0.8 * length;
-  const meets = (line, end, t) => Math.abs(at(line, t)[0] - end.disparity) <= Math.max(TOLERANCE * end.sigma, LEAST_TOLERANCE_PX);
+  const straight = (line, length) => line.byNoise && line.agreed >= STRAIGHT && line.reach[0] < 0.2 * length && line.reach[1] > 0.8 * length;
   const endOf = ([u, v], line, t) => {
     const [disparity, sigma] = at(line, t);
     return { u, v, disparity, sigma, agreed: line.agreed };
@@ -96,9 +95,8 @@ globalThis.uwMeasure = (() => {
     if (length < 2) failed("segment: expected two different points, got one twice");
     const read = readAlong(frame, first, second, length), whole = fitted(read);
     return [[first, 0], [second, length]].map(([point, t]) => {
-      let found = seenThere(frame, point);
-      if (whole && straight(whole, length) && (!found || meets(whole, found, t))) found = endOf(point, whole, t);
-      return found || inwards(point, t, length, read);
+      const along = whole && straight(whole, length) ? endOf(point, whole, t) : null;
+      return seenThere(frame, point, SPOT_PX[0]) || along || seenThere(frame, point, SPOT_PX[1]) || inwards(point, t, length, read);
     });
   }
 
@@ -126,8 +124,8 @@ globalThis.uwMeasure = (() => {
 
   const finite = values => values.filter(Number.isFinite);
 
-  function seenThere(frame, point) {
-    const { rows, size } = spot(frame, rint(point[0]), rint(point[1]), SPOT_PX);
+  function seenThere(frame, point, reach) {
+    const { rows, size } = spot(frame, rint(point[0]), rint(point[1]), reach);
     if (rows.length < 0.6 * size || size < LEAST) return null;
     const x = rows.map(row => row[0] - point[0]), y = rows.map(row => row[1] - point[1]), d = rows.map(row => row[2]);
     const [a, b, c] = planeThrough(x, y, d), known = finite(rows.map(row => row[3]));
@@ -160,9 +158,9 @@ globalThis.uwMeasure = (() => {
     const t = agree.map(row => row[0]), d = agree.map(row => row[1]), least = Math.min(...t), most = Math.max(...t);
     const [slope, offset] = lineThrough(t, d, most - least);
     const scatter = Math.sqrt(mean(d.map((value, i) => (value - offset - slope * t[i]) ** 2)));
-    const middle = mean(t), length = Math.max(most - least, 1);
+    const middle = mean(t), length = Math.max(most - least, 1), noise = median(agree.map(row => row[2]));
     return {
-      offset, slope, sigma: Math.max(scatter, median(agree.map(row => row[2]))), middle,
+      offset, slope, sigma: Math.max(scatter, noise), middle, byNoise: scatter <= BY_NOISE * noise,
       spread: Math.sqrt(mean(t.map(x => (x - middle) ** 2))), count: Math.max(length / CORRELATED_PX, 1),
       agreed: agree.length / read.length, reach: [least, most],
     };
