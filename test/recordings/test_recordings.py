@@ -326,3 +326,34 @@ def test_what_cannot_be_read_is_named(tmp_path: Path) -> None:
     shutil.rmtree(tmp_path / "right")
     with pytest.raises(ReconError, match="one camera's"):
         Recording(tmp_path)
+
+
+def _without_first_packets(path: Path, images: list[np.ndarray], count: int, first: int = 1) -> Path:
+    """A video with a key frame each twelve, of which `count` packets from `first` on are left."""
+    whole = write_video(path.with_name(f"whole{path.suffix}"), images)
+    with library().open(str(whole)) as source, library().open(str(path), "w") as out:
+        stream = out.add_stream_from_template(source.streams.video[0])
+        for packet in [p for p in source.demux(video=0) if p.size][first : first + count]:
+            packet.stream = stream
+            out.mux(packet)
+    whole.unlink()
+    return path
+
+
+@pytest.mark.parametrize("container", ["mp4", "mkv"])
+def test_what_comes_before_the_first_key_frame_is_told_and_the_rest_is_read(tmp_path: Path, container: str) -> None:
+    for side, name in enumerate(("left", "right")):
+        _without_first_packets(tmp_path / f"{name}.{container}", [pair[side] for pair in PAIRS], COUNT, 9)
+    with Recording(tmp_path, Options(clock_offset="0")) as dive:
+        assert len(dive) == COUNT - 9
+        for early in range(3):
+            with pytest.raises(ImageError, match="before the first key frame"):
+                dive[early]
+        assert alike(dive[3].left, PAIRS[12][0])
+
+
+@pytest.mark.parametrize("container", ["mkv", "mp4", "ts"])
+def test_a_video_without_a_key_frame_is_one_clear_line(tmp_path: Path, container: str) -> None:
+    path = _without_first_packets(tmp_path / f"cut.{container}", [pair[0] for pair in PAIRS], 11)
+    with pytest.raises(BagError, match="key frame"), Video(path) as video:
+        video.times()

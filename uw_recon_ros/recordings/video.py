@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -45,27 +46,34 @@ class Video:
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         self._av = library()
-        try:
-            self._file = self._av.open(str(path))
-            if self._file.format.name in _WITHOUT_TIMES:
-                raise BagError(
-                    f"{path}: expected a video with times, got a bare stream of {self._file.format.name}: put it into "
-                    f"a file that has them: ffmpeg -framerate RATE -i {self.path.name} -c copy {self.path.stem}.mp4"
-                )
-            stream = self._file.streams.video[0]
-            self.streams = len(self._file.streams.video)
-            self.codec = stream.codec_context.name
-            self._stream, self._unit = stream, stream.time_base
-        except (self._av.FFmpegError, OSError) as error:
-            told = "an empty file" if _is_empty(self.path) else f"one that cannot be opened: {_told(error)}"
-            raise BagError(f"{path}: expected a video, got {told}") from error
-        except (IndexError, AttributeError) as error:
-            raise BagError(f"{path}: expected a video with pictures in a codec that is known, got none") from error
-        if not 0 < stream.codec_context.width * stream.codec_context.height <= _LARGEST_PIXELS:
-            self.close()
-            raise BagError(f"{path}: expected pictures of up to {_LARGEST_PIXELS} px, got no size or a larger one")
         self._recent: deque[tuple[int, Any]] = deque(maxlen=_KEPT)
         self._frames: Iterator[Any] | None = None
+        self._first_key: int | None = None
+        self._open()
+        pixels = self._stream.codec_context.width * self._stream.codec_context.height
+        if not 0 < pixels <= _LARGEST_PIXELS:
+            self.close()
+            got = "a larger one" if pixels else "no size: was the video cut off before its first key frame?"
+            raise BagError(f"{path}: expected pictures of up to {_LARGEST_PIXELS} px, got {got}")
+
+    def _open(self) -> None:
+        try:
+            self._file = self._av.open(str(self.path))
+            if self._file.format.name in _WITHOUT_TIMES:
+                raise BagError(
+                    f"{self.path}: expected a video with times, got a bare stream of {self._file.format.name}: put it "
+                    "into a file that has them: "
+                    f"ffmpeg -framerate RATE -i {self.path.name} -c copy {self.path.stem}.mp4"
+                )
+            self._stream = self._file.streams.video[0]
+            self.streams = len(self._file.streams.video)
+            self.codec = self._stream.codec_context.name
+            self._unit = float(self._stream.time_base or 0) or 1 / 25
+        except (self._av.FFmpegError, OSError) as error:
+            told = "an empty file" if _is_empty(self.path) else f"one that cannot be opened: {_told(error)}"
+            raise BagError(f"{self.path}: expected a video, got {told}") from error
+        except (IndexError, AttributeError) as error:
+            raise BagError(f"{self.path}: expected a video with pictures in a codec that is known, got none") from error
 
     def times(self) -> list[tuple[int, int]]:
         """Stamp (ns from the first) and presentation time (the file's unit) of every frame; nothing is decoded.
@@ -73,23 +81,31 @@ class Video:
         Raises
         ------
         BagError
-            There are none.
+            There are none, or none that can be decoded.
         """
-        marks, number = [], 0
-        try:
-            for packet in self._file.demux(self._stream):
-                if packet.size:
-                    mark = packet.pts if packet.pts is not None else packet.dts
-                    marks.append(number if mark is None else int(mark))
-                    number += 1
-        except self._av.FFmpegError:
-            pass  # cut short: what came before counts
+        marks = list[int]()
+        with suppress(self._av.FFmpegError):  # cut short: what came before counts
+            for number, packet in enumerate(packet for packet in self._packets() if packet.size):
+                time = _time_of(packet)
+                marks.append(number if time is None else time)
         self._rewind(0)
         if not marks:
             raise BagError(f"{self.path}: expected a video with frames, got none: empty or cut short")
+        if self._first_key is None and self._shows_nothing():
+            raise BagError(
+                f"{self.path}: expected a key frame, from which pictures can be decoded, got none among {len(marks)} "
+                "frames: cut a video at a key frame, or record with key frames"
+            )
         marks = sorted(set(marks))
-        unit = float(self._unit or 0) or 1 / 25
-        return [(round((mark - marks[0]) * unit * 1e9), mark) for mark in marks]
+        return [(round((mark - marks[0]) * self._unit * 1e9), mark) for mark in marks]
+
+    def _shows_nothing(self) -> bool:
+        try:
+            return next(self._frames or iter(()), None) is None
+        except (self._av.FFmpegError, OSError):
+            return True
+        finally:
+            self._rewind(0)
 
     def frame(self, mark: int) -> RawImage:
         """Decode the frame of a presentation time.
@@ -117,9 +133,8 @@ class Video:
         kept = next((frame for time, frame in self._recent if time == mark), None)
         if kept is not None:
             return kept
-        unit = float(self._unit or 1 / 25)
         last = self._recent[-1][0] if self._recent else None
-        near = self._frames is not None and last is not None and 0 < (mark - last) * unit < _AHEAD_S
+        near = self._frames is not None and last is not None and 0 < (mark - last) * self._unit < _AHEAD_S
         for seek in (None, mark, 0) if near else (mark, 0):
             if seek is not None:
                 self._rewind(seek)
@@ -128,12 +143,14 @@ class Video:
             except (self._av.FFmpegError, OSError) as error:
                 self._frames = None
                 raise ImageError(
-                    f"{self.path.name}: the frame at {mark * unit:.3f} s is damaged: {_told(error)}"
+                    f"{self.path.name}: the frame at {mark * self._unit:.3f} s is damaged: {_told(error)}"
                 ) from error
             if found is not None:
                 return found
         self._frames = None
-        raise ImageError(f"{self.path.name}: the frame at {mark * unit:.3f} s cannot be decoded")
+        early = self._first_key is None or mark < self._first_key
+        because = ": it comes before the first key frame" if early else ""
+        raise ImageError(f"{self.path.name}: the frame at {mark * self._unit:.3f} s cannot be decoded{because}")
 
     def _decode_on(self, mark: int) -> Any:
         """Decode up to a moment; None where there is no frame of it."""
@@ -144,15 +161,30 @@ class Video:
                 return frame if time == mark else None
         return None
 
+    def _packets(self) -> Iterator[Any]:
+        """From where the file stands."""
+        for packet in self._file.demux(self._stream):
+            time = _time_of(packet)
+            if packet.size and packet.is_keyframe and time is not None:
+                self._first_key = time if self._first_key is None else min(time, self._first_key)
+            yield packet
+
+    def _decoded_on(self) -> Iterator[Any]:
+        for packet in self._packets():
+            yield from packet.decode()
+
     def _rewind(self, mark: int) -> None:
+        """To the key frame before a moment, or to the beginning."""
         try:
-            self._file.seek(mark, stream=self._stream, backward=True, any_frame=False)
-        except (self._av.FFmpegError, OSError):
-            self._file.seek(0)
-        if mark == 0:
-            self._file.seek(0)
+            if mark:
+                self._file.seek(mark, stream=self._stream, backward=True, any_frame=False)
+            else:
+                self._file.seek(0)
+        except (self._av.FFmpegError, OSError):  # without an index
+            self._file.close()
+            self._open()
         self._recent.clear()
-        self._frames = self._file.decode(self._stream)
+        self._frames = self._decoded_on()
 
     def _upright(self, frame: Any) -> RawImage:
         image = image_of_frame(frame)
@@ -172,6 +204,11 @@ class Video:
 
 def _is_empty(path: Path) -> bool:
     return path.is_file() and not path.stat().st_size
+
+
+def _time_of(packet: Any) -> int | None:
+    time = packet.pts if packet.pts is not None else packet.dts
+    return None if time is None else int(time)
 
 
 def _told(error: Exception) -> str:
