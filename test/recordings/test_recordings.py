@@ -151,6 +151,21 @@ def test_a_video_is_packed_and_reconstructed_alike(tmp_path: Path) -> None:
             assert bag[n].stamp_ns == dive[n].stamp_ns
 
 
+def test_a_frame_of_a_video_is_held_against_one_well_before(tmp_path: Path) -> None:
+    """Encoders repeat blocks of the last frame where little moves: taken for frozen, a third of a dive was lost."""
+    write_video(tmp_path / "dive.mkv", [joined("side-by-side", pair) for pair in PAIRS])
+    (tmp_path / "stills").mkdir()
+    for n, pair in enumerate(PAIRS[:3]):
+        write_image(tmp_path / "stills" / f"{n}.png", joined("side-by-side", pair))
+    with Recording([tmp_path / "stills", tmp_path / "dive.mkv"]) as recording:
+        frames = recording.listing.frames
+        assert [frame.number for frame in frames] == list(range(3 + COUNT))
+        stills, video = frames[:3], frames[3:]
+        assert [frame.before for frame in stills] == [None, *((f.left, f.right) for f in stills[:2])]
+        assert [frame.before for frame in video[:5]] == [None] * 5
+        assert [frame.before for frame in video[5:]] == [(f.left, f.right) for f in video[:-5]]
+
+
 # ---- clocks ----------------------------------------------------------------------------------------------------------
 
 

@@ -8,6 +8,8 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 
+import numpy as np
+
 from uw_recon_ros.bags import BagReader
 from uw_recon_ros.calibration.rectified import rectified_by_name
 from uw_recon_ros.errors import BagError, CalibrationError, ReconError
@@ -22,6 +24,9 @@ from uw_recon_ros.recordings.views import list_stills, list_video
 from uw_recon_ros.types import StereoCalibration
 
 _TRIED = 10  # images, for the size
+#: Encoders repeat blocks of the frame before where little moves, in one camera and not in the other: no sign that a
+#: part of the picture is frozen. After so long none is repeated any more that shows the scene.
+_UNLIKE_NS = 500_000_000
 
 
 @dataclass
@@ -80,7 +85,7 @@ def list_frames(
         _note_backward_steps(source, found, listing.notes)
         listing.frames += found
     _note_copies(sources, listing)
-    listing.frames = _numbered(listing.frames)
+    listing.frames = _numbered(sources, listing.frames)
     listing.pairs = len(listing.frames)
     if not listing.frames:
         raise BagError("no stereo pairs: " + "; ".join([*listing.unreadable, *listing.notes]), *codes[:1])
@@ -116,17 +121,19 @@ def _walk(source: Source, bag: BagReader, index: int, options: Options, rigs: Ri
     return StampPairer(bag, topics, index, round(options.pair_tolerance_ms * 1e6), rigs, options.offset_ns or 0)
 
 
-def _numbered(frames: list[Frame]) -> list[Frame]:
-    """The frames with their numbers, each knowing the one before it."""
-    befores = [None, *frames][: len(frames)]
-    return [
-        replace(
-            frame,
-            number=number,
-            before=(before.left, before.right) if before is not None and before.source == frame.source else None,
-        )
-        for number, (frame, before) in enumerate(zip(frames, befores, strict=True))
-    ]
+def _numbered(sources: list[Source], frames: list[Frame]) -> list[Frame]:
+    """The frames with their numbers, each knowing one before it: the last, of a video one well before."""
+    found: list[Frame] = []
+    for source, group in itertools.groupby(frames, key=lambda frame: frame.source):
+        own, first = list(group), len(found)
+        places = np.arange(len(own)) - 1
+        if sources[source].kind == "video":
+            stamps = np.array([frame.stamp_ns for frame in own], np.int64)
+            places = np.minimum(places, np.searchsorted(stamps, stamps - _UNLIKE_NS, side="right") - 1)
+        for number, (frame, place) in enumerate(zip(own, places.tolist(), strict=True)):
+            before = (own[place].left, own[place].right) if place >= 0 else None
+            found.append(replace(frame, number=first + number, before=before))
+    return found
 
 
 def _list_source(source: Source, index: int, options: Options, rigs: Rigs, notes: list[str]) -> list[Frame]:

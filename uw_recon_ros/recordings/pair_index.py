@@ -54,7 +54,7 @@ class Frame:
     rig : int
         Index into the calibrations; -1: none.
     before : (Place, Place) or None
-        Left and right of the pair before it in the same source.
+        Left and right of the pair before it in the same source; of a video, of one half a second or more before.
     lag_ns : int
         The right image was taken so much later than the left one, where the cameras have no common trigger.
     around : tuple of (ns, Place)

@@ -77,7 +77,8 @@ def tie_points_of(task: FrameTask) -> TiePoints | str:
     """Tie points of one frame, or why there are none."""
     shop = _enter(task)
     try:
-        enhanced = shop.pipeline.enhance(shop.reader.read(task.frame), shop.reader.read_before(task.frame))
+        before = shop.reader.read_before(task.frame)  # first: videos are decoded forwards
+        enhanced = shop.pipeline.enhance(shop.reader.read(task.frame), before)
         return find_tie_points(enhanced, shop.plan.pipeline.rectify)
     except (OSError, MemoryError, SurveyError):
         raise
@@ -104,7 +105,8 @@ def reconstruct_frame(task: FrameTask) -> Row:
     pair: StereoPair | None = None
     try:
         with timed("read"):
-            pair, before = shop.reader.read(frame), shop.reader.read_before(frame)
+            before = shop.reader.read_before(frame)  # first: videos are decoded forwards
+            pair = shop.reader.read(frame)
             moments = _moments(shop, frame, pair)
         products = shop.pipeline(pair, shop.rectification(frame), timed, before, moments)
         row |= describe(products)
