@@ -151,6 +151,19 @@ def test_a_video_is_packed_and_reconstructed_alike(tmp_path: Path) -> None:
             assert bag[n].stamp_ns == dive[n].stamp_ns
 
 
+@pytest.mark.parametrize("side", [0, 1])
+def test_of_more_frames_the_nearest_is_the_partner(tmp_path: Path, side: int) -> None:
+    """One camera three times as fast: partners are of one moment, not the first that is near enough."""
+    for which, name in enumerate(("left", "right")):
+        every = 3 if which == side else 1
+        write_video(tmp_path / f"{name}.mkv", [pair[which] for pair in PAIRS[1::every]], 30 / every)
+    with Recording(tmp_path, Options(clock_offset="0")) as recording:
+        assert [frame.lag_ns // 1_000_000 for frame in recording.listing.frames] == [0] * 5
+        for n, pair in enumerate(recording):
+            assert alike(pair.left, PAIRS[1 + 3 * n][0], 9.0)
+            assert alike(pair.right, PAIRS[1 + 3 * n][1], 9.0)
+
+
 def test_a_frame_of_a_video_is_held_against_one_well_before(tmp_path: Path) -> None:
     """Encoders repeat blocks of the last frame where little moves: taken for frozen, a third of a dive was lost."""
     write_video(tmp_path / "dive.mkv", [joined("side-by-side", pair) for pair in PAIRS])

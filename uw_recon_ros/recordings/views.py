@@ -204,23 +204,23 @@ def _frame(video: Video, mark: int) -> RawImage | None:
 def _nearest(
     source: Source, ours: list[tuple[int, int]], theirs: list[tuple[int, int]], clock: Clock, notes: list[str]
 ) -> Iterator[Frame]:
-    """Each left frame with the right one nearest to its moment; where rates differ, frames are used once."""
+    """Left and right frames that are each other's nearest in time; where rates differ, frames are used once."""
     stamps = np.array([time for time, _ in theirs], np.int64)
     step = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 1e9
-    used, apart, alone = -1, [], 0
-    for place, (stamp, mark) in enumerate(ours):
+    partner: dict[int, tuple[int, int]] = {}  # of right frames: left ones and the lag to these, ns
+    for place, (stamp, _) in enumerate(ours):
         wanted = clock.right_of(stamp)
         after = int(np.searchsorted(stamps, wanted).clip(1, max(1, len(stamps) - 1)))
         best = min((after - 1, min(after, len(stamps) - 1)), key=lambda place: abs(stamps[place] - wanted))
-        if abs(stamps[best] - wanted) > 0.6 * step or best <= used:
-            alone += 1
-            continue
-        used = best
         lag = int(stamps[best] - wanted)
-        apart.append(abs(lag) / 1e6)
+        if abs(lag) <= 0.6 * step and (best not in partner or abs(lag) < abs(partner[best][1])):
+            partner[best] = place, lag
+    for best, (place, lag) in partner.items():
+        stamp, mark = ours[place]
         left, right = Place(source.path, stamp, mark), Place(source.other, int(stamps[best]), theirs[best][1])
         around = tuple((time - stamp, Place(source.path, time, other)) for time, other in _around(ours, place))
         yield Frame(0, 0, FIRST_NS + stamp, left, right, lag_ns=lag, around=around)
+    apart, alone = [abs(lag) / 1e6 for _, lag in partner.values()], len(ours) - len(partner)
     if alone:
         notes.append(f"{source.name}: {alone} of {len(ours)} left frames have no partner")
     if apart and np.median(apart) > 1.0:
