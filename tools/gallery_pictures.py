@@ -1,6 +1,6 @@
 """Draw the pictures of docs/gallery.md from simulated dives, and print its table.
 
-    python tools/gallery_pictures.py [--output docs/images]
+    python tools/gallery_pictures.py [NAME ...] [--output docs/images]
 
 Leaves a ``gallery_NAME.jpg`` a scene: the raw left image; what is shown of it, rectified; the true disparity; ours; and
 the surface, shaded by its normals. Gray stays what has no disparity, by its reason. Nothing of it is a real picture.
@@ -30,9 +30,28 @@ from uw_recon_ros.types import ByteImage, PointCloud, StereoPair
 ROOT = Path(__file__).resolve().parents[1]
 WIDTH, GAP, SUN, NOTHING = 230, 6, (-0.4, -0.7, -0.6), 70
 DAY: dict[str, Any] = {"lamp": 0.0, "daylight": 1.0}
+AHEAD: dict[str, Any] = {"pitch_deg": 15.0, "distance_m": 1.5, **DAY}
 SCENES: dict[str, dict[str, Any]] = {
     "lamp": {"scene": "amphora", "water": "3C"},
     "open_water": {"scene": "reef", "water": "II", "look_up_deg": 28.0, **DAY},
+    "wreck": {"scene": "wreck", "water": "IB", "look_up_deg": 12.0, **AHEAD},
+    "surface": {
+        "scene": "reef",
+        "water": "IB",
+        "surface_above": True,
+        "look_up_deg": 28.0,
+        "water_depth_m": 3.0,
+        **AHEAD,
+    },
+    "other_lamps": {
+        "scene": "reef",
+        "water": "3C",
+        "other_lamps": 3,
+        "look_up_deg": 10.0,
+        **AHEAD,
+        "lamp": 1.0,
+        "daylight": 0.35,
+    },
     "dead_red": {"scene": "pipe", "water": "IB", "dead_channel": "red", "caustics": 0.4, "fish": 4, **DAY},
     "murk": {"scene": "pipe", "water": "9C"},
     "snow": {"scene": "amphora", "water": "3C", "snow_per_m3": 2500.0, "look_up_deg": 20.0},
@@ -81,9 +100,10 @@ def main() -> int:
     """Draw all."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--output", type=Path, default=ROOT / "docs" / "images")
-    folder = parser.parse_args().output
-    for name in SCENES:
-        sys.stdout.write(draw(name, folder) + "\n")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(SCENES))
+    args = parser.parse_args()
+    for name in args.names or SCENES:
+        sys.stdout.write(draw(name, args.output) + "\n")
         sys.stdout.flush()
     return 0
 

@@ -91,7 +91,7 @@ def simulated(water: str, **choice: object) -> View:
     height, width = pair.left.shape[:2]
     depth = dive.true_depth(0, pair.geometry, width, height)
     seen, far = pair.left_matching > 0, ~(depth < VISIBLE_M)
-    told = ", ".join((water, *(f"{k} {v}" for k, v in choice.items())))
+    told = ", ".join((water, *(f"{k} {v}" for k, v in choice.items() if k not in ("width", "height"))))
     truth = pair.geometry.disparity_from_depth(depth)
     return View(f"simulated, {told}", pair, seen & _inner(far), seen & _inner(~far), truth)
 
@@ -112,6 +112,16 @@ def views(waters: list[str], underwater: Path) -> Iterator[View]:
     yield simulated("3C", snow_per_m3=2500.0)
     yield simulated("3C", noise=4.0)
     yield simulated("3C", texture="weak")
+    yield from behind_things()
+
+
+def behind_things() -> Iterator[View]:
+    """Blue water behind a wreck, the surface from below, lamps of others that blind the cameras."""
+    day = {"width": 320, "height": 260, "lamp": 0.0, "daylight": 1.0}
+    yield simulated("IB", scene="wreck", look_up_deg=12.0, **day)
+    yield simulated("IB", surface_above=True, look_up_deg=28.0, water_depth_m=3.0, **day)
+    yield simulated("IB", scene="wreck", surface_above=True, look_up_deg=30.0, **day)
+    yield simulated("3C", other_lamps=3, look_up_deg=10.0, width=320, height=260)
 
 
 COLUMNS = ("view (water, % of it)", "effort", "water: disparity", "water: depth", "water: near", "ground: disparity",
@@ -143,13 +153,14 @@ def main() -> int:
     parser.add_argument("--efforts", nargs="+", choices=EFFORTS, default=list(EFFORTS))
     parser.add_argument("--waters", nargs="+", default=["clear", "I", "3C", "5C", "7C"])
     parser.add_argument("--without", action="store_true")
+    parser.add_argument("--things", action="store_true", help="only wreck, surface and lamps")
     parser.add_argument("--underwater", type=Path, default=UNDERWATER, help="folder of the real pairs")
     args = parser.parse_args()
     if args.without:
         matcher.open_water = lambda texture, *_: OpenWater(*np.zeros((2, *texture.left.shape[:2]), np.bool_))
         matcher.unfounded = lambda disparity, *_: np.zeros(disparity.shape, np.bool_)
     sys.stdout.write(f"| {' | '.join(COLUMNS)} |\n" + "|" + " --- |" * len(COLUMNS) + "\n")
-    for view in views(args.waters, args.underwater):
+    for view in behind_things() if args.things else views(args.waters, args.underwater):
         for effort in args.efforts:
             cells = " | ".join(f"{value:.1f}" for value in measure(view, effort))
             sys.stdout.write(f"| {view.name} ({100 * view.water.mean():.0f} %) | {effort} | {cells} |\n")

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from uw_recon_ros.simulate import Dive, SimulateParams
+from uw_recon_ros.simulate.backdrop import surface_from_below
 from uw_recon_ros.simulate.render import _caustic
 from uw_recon_ros.simulate.rig import distort, undistort
+from uw_recon_ros.simulate.water import make_water
 
 SMALL = SimulateParams(
     width=120, height=90, frames=3, rate_hz=1.0, water="II", snow_per_m3=0.0, noise=0.0, daylight=1.0, scene="reef"
@@ -49,6 +51,39 @@ def test_a_letterbox_is_black_above_and_below() -> None:
     assert not boxed[:9].any()
     assert not boxed[-9:].any()
     assert (boxed[9:-9] == whole[9:-9]).all()
+
+
+@pytest.mark.parametrize("choice", [{"surface_above": True, "water_depth_m": 2.0}, {"other_lamps": 3}])
+def test_what_shines_in_open_water_is_seen_there_and_is_no_surface(choice: dict[str, object]) -> None:
+    """Pixels of the bottom and the truth are what they were."""
+    up = dataclasses.replace(SMALL, look_up_deg=35.0, lens_blur_px=0.0, water="clear", water_depth_m=2.0)
+    without, shining = (Dive(dataclasses.replace(up, **options)) for options in ({}, choice))  # type: ignore[arg-type]
+    shining._exposure = without._exposure
+    before, after = without.frame(0), shining.frame(0)
+    np.testing.assert_array_equal(before.depth, after.depth)
+    brighter = (after.left.astype(int) - before.left)[..., 1] > 20
+    assert brighter[np.isnan(before.depth)].sum() > 20
+    if "surface_above" in choice:
+        assert not brighter[np.isfinite(before.depth)].any()
+    else:
+        assert after.left.max() == 255
+
+
+def test_the_sky_is_seen_within_snells_window_only() -> None:
+    angles = np.radians([0.0, 30.0, 70.0, 85.0, 120.0])
+    rays = np.stack([np.sin(angles), 0 * angles, np.cos(angles)], axis=-1)[None]
+    light = surface_from_below(rays, np.zeros(3), 0.0, 5.0, make_water("clear"))[0, :, 0]
+    assert (light[:2] > 1.4).all()
+    assert (light[2:4] < 0.3).all()
+    assert light[4] == 0
+
+
+def test_a_wreck_stands_before_open_water() -> None:
+    params = dataclasses.replace(SMALL, scene="wreck", pitch_deg=15.0, distance_m=1.5, look_up_deg=12.0)
+    depth = Dive(params).frame(0).depth
+    assert np.isnan(depth[:10]).mean() > 0.5
+    assert np.isfinite(depth[45:, 40:80]).all()
+    assert np.median(depth[45:60, 50:70]) == pytest.approx(2.1, abs=0.5)
 
 
 def test_a_rolling_shutter_sees_its_last_rows_later() -> None:

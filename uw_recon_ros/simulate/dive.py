@@ -10,6 +10,7 @@ import numpy as np
 
 from uw_recon_ros.simulate import lamp as lamps
 from uw_recon_ros.simulate import snow as snows
+from uw_recon_ros.simulate.backdrop import add_lamps, place_lamps, surface_from_below
 from uw_recon_ros.simulate.disturb import port_pattern, recorded, through_port
 from uw_recon_ros.simulate.fish import with_fish
 from uw_recon_ros.simulate.image_sensor import expose, exposure_of, lens_blur
@@ -19,7 +20,16 @@ from uw_recon_ros.simulate.render import render
 from uw_recon_ros.simulate.rig import Pose, make_rig, pinhole_directions, pixel_directions, pose_at, project
 from uw_recon_ros.simulate.scene import Scene, make_scene
 from uw_recon_ros.simulate.water import attenuate, daylight_veil, forward_scatter, make_water
-from uw_recon_ros.types import ByteImage, FloatImage, Matrix, RawImage, Status, StereoCalibration, StereoGeometry
+from uw_recon_ros.types import (
+    ByteImage,
+    CameraModel,
+    FloatImage,
+    Matrix,
+    RawImage,
+    Status,
+    StereoCalibration,
+    StereoGeometry,
+)
 
 _FIRST_NS = 1_700_000_000_000_000_000
 _HIDDEN = 1e-4  # relative; less is the same surface
@@ -174,17 +184,41 @@ class Dive:
         reach = ranges.astype(np.float32)
         light = forward_scatter(attenuate(radiance, reach, self.water), reach, self.water)
         light += daylight_veil(reach, self.water, self.params.daylight)
+        if self.params.surface_above:
+            light += self._surface_behind(view, ranges, index, step)
         if step == 1:
             light += lamps.lamp_glow(view.glow, ranges)
+            if self.params.other_lamps:
+                add_lamps(light, self._other_lamps(view, index), self._model(view), ranges, self.water)
             self._snow_into(light, view, ranges, index)
             return lens_blur(light, self.params.lens_blur_px)
         return light
+
+    def _surface_behind(self, view: _View, ranges: Matrix, index: int, step: int) -> FloatImage:
+        """Of the waves above, where nothing is met."""
+        pose, p = self.pose(index), self.params
+        origin = pose.rotation @ view.origin + pose.position
+        directions = view.directions[::step, ::step] @ pose.rotation.T
+        sent = surface_from_below(directions, origin, self.seconds(index), p.water_depth_m, self.water)
+        behind: FloatImage = np.where(np.isfinite(ranges)[..., None], np.float32(0), np.float32(p.daylight) * sent)
+        return behind
+
+    def _other_lamps(self, view: _View, index: int) -> Matrix:
+        """Their places in a camera's frame."""
+        p, pose = self.params, self.pose(index)
+        places = place_lamps(p.other_lamps, p.seed, p.distance_m, self.pose(0))
+        in_rig = (places - pose.position) @ pose.rotation
+        in_camera: Matrix = (in_rig - view.origin) @ view.rotation
+        return in_camera
+
+    def _model(self, view: _View) -> CameraModel:
+        return self.calibration.right if view.number else self.calibration.left
 
     def _snow_into(self, light: FloatImage, view: _View, ranges: Matrix, index: int) -> None:
         in_rig = snows.snow_before(self._snow, self.pose(index), self.seconds(index))
         in_camera = (in_rig - view.origin) @ view.rotation
         kept = snows.visible(in_camera)
-        camera = self.calibration.right if view.number else self.calibration.left
+        camera = self._model(view)
         u, v = project(in_camera[kept], camera)
         distances = np.linalg.norm(in_camera[kept], axis=1)
         sent = snows.snow_light(in_rig[kept], self._lamp, self._daylight)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from uw_recon_ros.params import Params, param
 
-SCENES = ("amphora", "pipe", "reef", "plane")
+SCENES = ("amphora", "pipe", "reef", "plane", "wreck")
 WATERS = ("clear", "I", "IA", "IB", "II", "III", "1C", "3C", "5C", "7C", "9C")
 
 DEAD_CHANNELS = ("none", "red", "green", "blue")
@@ -39,6 +39,8 @@ class SimulateParams(Params):
         unit="deg", low=0.0, high=60.0,
     )  # fmt: skip
     fish: int = param(0, "Fish that swim before the scene.", low=0, high=50)
+    surface_above: bool = param(False, "Whether rays that lead up end at waves, seen from below.")
+    other_lamps: int = param(0, "Lamps of others that shine into the cameras.", low=0, high=20)
 
     width: int = param(640, "Image width.", unit="px", low=16, high=8192)
     height: int = param(480, "Image height.", unit="px", low=16, high=8192)

@@ -125,6 +125,13 @@ def _things(name: str, heights: Matrix) -> list[list[float]]:
             _thing(heights, CYLINDER, (0.0, 0.0), 0.10, (0.0, 90.0, 12.0), (0.16, 2.5, 0.0), METAL),
             _thing(heights, BOX, (0.55, -0.3), 0.05, (0.0, 5.0, 25.0), (0.12, 0.09, 0.10), WOOD),
         ]
+    if name == "wreck":
+        return [
+            _thing(heights, BOX, (0.1, 0.5), 0.25, (4.0, 9.0, 14.0), (0.75, 0.3, 0.42), METAL),
+            _thing(heights, BOX, (-0.15, 0.5), 0.8, (4.0, 9.0, 14.0), (0.22, 0.2, 0.2), WOOD),
+            _thing(heights, CYLINDER, (0.45, 0.45), 0.9, (3.0, 8.0, 0.0), (0.04, 0.9, 0.0), METAL),
+            _thing(heights, CYLINDER, (0.42, 0.42), 1.05, (0.0, 82.0, 20.0), (0.025, 0.5, 0.0), METAL),
+        ]
     return []
 
 

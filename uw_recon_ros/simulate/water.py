@@ -119,9 +119,9 @@ def forward_scatter(direct: FloatImage, ranges: FloatImage, water: Water) -> Flo
         m; infinite or NaN is blurred most.
     water : Water
     """
-    sigma = np.nan_to_num(np.asarray(ranges, np.float32) * np.float32(water.blur_px_m), nan=8.0, posinf=8.0)
     if water.blur_px_m <= 0:
         return direct
+    sigma = np.nan_to_num(np.asarray(ranges, np.float32) * np.float32(water.blur_px_m), nan=8.0, posinf=8.0)
     level = np.interp(sigma, _BLUR_LEVELS, np.arange(len(_BLUR_LEVELS))).astype(np.float32)
     blurred = np.zeros_like(direct)
     for index, width in enumerate(_BLUR_LEVELS):
