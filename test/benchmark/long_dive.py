@@ -1,9 +1,11 @@
 """What a model of a long dive costs: memory and time against the number of frames, ``uw_recon model`` whole.
 
 python test/benchmark/long_dive.py 250 1000 4000
+python test/benchmark/long_dive.py 250 1000 --area 100
 
 The frames are drawn straight into a survey's folder, as its matching would have left them (small ones, of a bottom that
-does not repeat itself), so that nothing is simulated or matched. A lawn-mower track: legs of 15 m, 0.6 m apart.
+does not repeat itself), so that nothing is simulated or matched. A lawn-mower track: legs of 15 m, 0.6 m apart; with
+`--area N` the first N frames of it, there and back, again and again.
 """
 
 from __future__ import annotations
@@ -78,7 +80,17 @@ class Diver:
         return DisparityFrame((1 + number) * _STEP_NS, left, disparity.astype(np.float32), sigma, self.geometry)
 
 
-def draw(survey: Path, count: int, width: int, height: int) -> np.ndarray:
+def track(count: int, area: int) -> np.ndarray:
+    """(N, 4, 4) true poses; `area` frames of the way there, then back, and again (0: never back)."""
+    if not 0 < area < count:
+        return lawnmower(count)
+    turn = np.arange(count) % (2 * area - 2)
+    poses = lawnmower(area)[np.minimum(turn, 2 * area - 2 - turn)]
+    poses[:, 1, 3] += 0.08 * np.sin(0.11 * np.arange(count))  # nobody swims the same way twice
+    return poses
+
+
+def draw(survey: Path, count: int, width: int, height: int, area: int = 0) -> np.ndarray:
     """Fill a survey's folder; returns the true poses."""
     bag = survey.with_name("bag")
     if not bag.exists():
@@ -87,7 +99,7 @@ def draw(survey: Path, count: int, width: int, height: int) -> np.ndarray:
     run("survey", str(bag), "-o", str(survey), "--write", "model", "--overwrite", "--quiet")
     for kept in (survey / "model_frames").glob("*.frame"):
         kept.unlink()
-    poses, diver = lawnmower(count), Diver(width, height)
+    poses, diver = track(count, area), Diver(width, height)
     poses[:, 2, 3] = _ALTITUDE_M
     for number, pose in enumerate(poses):
         write_kept(survey / kept_name(f"{number:06d}"), diver.frame(number, pose))
@@ -137,12 +149,12 @@ def _size(path: Path) -> int:
         return 0
 
 
-def row(count: int, folder: Path, width: int, height: int, options: list[str]) -> str:
+def row(count: int, folder: Path, width: int, height: int, area: int, options: list[str]) -> str:
     from uw_recon_ros.evaluate_trajectory import trajectory_errors
     from uw_recon_ros.files.trajectories import read_tum
 
     survey = folder / f"survey_{count}"
-    poses = draw(survey, count, width, height)
+    poses = draw(survey, count, width, height, area)
     words = ["model", str(survey), "--quiet", *options]
     cpu, most, anonymous, kept = watched(words, survey / "model")
     truth = trajectory_of([(1 + k) * _STEP_NS for k in range(count)], poses)
@@ -161,6 +173,7 @@ def main() -> None:
     parser.add_argument("counts", nargs="*", type=int, default=[250, 1000, 4000])
     parser.add_argument("--width", type=int, default=160)
     parser.add_argument("--height", type=int, default=120)
+    parser.add_argument("--area", type=int, default=0, help="frames of the way that is swum again and again")
     parser.add_argument("--folder", type=Path, help="where surveys are kept; else they are removed")
     args, options = parser.parse_known_args()
     sys.stdout.write(HEAD + "\n|" + " --- |" * 6 + "\n")
@@ -168,7 +181,7 @@ def main() -> None:
         folder = args.folder or Path(room)
         folder.mkdir(parents=True, exist_ok=True)
         for count in args.counts:
-            sys.stdout.write(row(count, folder, args.width, args.height, options) + "\n")
+            sys.stdout.write(row(count, folder, args.width, args.height, args.area, options) + "\n")
             sys.stdout.flush()
 
 

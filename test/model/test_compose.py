@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +17,13 @@ from uw_recon_ros.errors import ModelError
 from uw_recon_ros.findings import Code
 from uw_recon_ros.fuse.frame import PosedFrame
 from uw_recon_ros.georeference.crs import WITHOUT_SCALE, Crs
+from uw_recon_ros.model import colors
 from uw_recon_ros.model import compose as composing
 from uw_recon_ros.model.compose import Composed, compose
 from uw_recon_ros.model.files import has_laz
 from uw_recon_ros.model.params import DiveModelParams
 from uw_recon_ros.model.work import Tell, TileTask, World, say_nothing
+from uw_recon_ros.texturing.gains import Balance, GainSample, balance_frames
 from uw_recon_ros.texturing.simplify import has_extra
 
 GROUND = Ground(((np.array([0.1, 0.0, 0.1]), 0.12),))
@@ -176,6 +179,23 @@ def test_without_a_scale_nothing_is_in_metres(tmp_path: Path) -> None:
         tags = file.pages[0].tags
         assert 3076 not in np.array(tags[34735].value).reshape(-1, 4)[:, 0]
         assert "unit unknown" in tags[34737].value
+
+
+def test_pictures_of_one_place_are_compared_at_the_same_few_points(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Memory is bounded by how many there are; pictures that each chose others would have nothing in common."""
+    seen: list[GainSample] = []
+
+    def spied(samples: Iterable[GainSample], places: int, frames: int) -> Balance:
+        seen.extend(samples)
+        return balance_frames(seen, places, frames)
+
+    monkeypatch.setattr(colors, "balance_frames", spied)
+    monkeypatch.setattr(colors, "_SEEN_A_FRAME", 12)
+    composed(tmp_path)
+    assert [len(s.place) for s in seen] == [12] * 6
+    assert len(set(seen[2].place.tolist()) & set(seen[3].place.tolist())) >= 6
 
 
 def test_one_frame_gives_a_model(tmp_path: Path) -> None:

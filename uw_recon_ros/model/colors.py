@@ -19,7 +19,9 @@ from uw_recon_ros.texturing.raster import MapGrid, heights_of, normals_of
 from uw_recon_ros.texturing.simplify import vertex_normals
 from uw_recon_ros.types import ByteImage, FloatImage, Matrix
 
-_PLACES_A_FRAME, _MOST_PLACES = 100, 50_000  # where pictures are compared; some fifteen see each, at 0.5 kB a view
+_PLACES_A_FRAME, _MOST_PLACES = 20, 20_000  # where pictures are compared
+_SEEN_A_FRAME, _MOST_SEEN = 300, 300_000  # of them by each picture, by all: 0.4 kB each while it is solved
+_SHUFFLE = 2_654_435_761  # Knuth's multiplier: an order without order
 _TOLERANCE = 2.0  # voxels between surface and picture's depth, beside its sigma
 
 
@@ -49,16 +51,19 @@ def _balance(task: TileTask, found: Found) -> Arrays:
     starts = np.cumsum([0, *(len(p) for p in places)])
     members = [set(found.layout.frames_of(tile).tolist()) for tile in tiles]
 
+    most = max(1, min(_SEEN_A_FRAME, _MOST_SEEN // len(task.frames)))
+
     def seen_from(number: int) -> GainSample:
         near = [k for k, frames in enumerate(members) if number in frames]
         frame, tolerance = task.frames[number], _TOLERANCE * found.layout.voxel
         points = np.concatenate([np.empty((0, 3)), *(places[k] for k in near)])
         names = np.concatenate([np.empty(0, np.int64), *(np.arange(starts[k], starts[k + 1]) for k in near)])
         seen = look_at(points, number, view_of(frame), frame.left, tolerance)
-        return GainSample(names[seen.place], seen.frame, seen.level, seen.terms)
+        few = np.argsort(names[seen.place] * _SHUFFLE % 2**32, kind="stable")[:most]  # alike for pictures of one place
+        return GainSample(names[seen.place][few], seen.frame[few], seen.level[few], seen.terms[few])
 
-    listed = list(task.each("colours compared", seen_from, range(len(task.frames))))
-    solved = balance_frames(listed, int(starts[-1]), len(task.frames))
+    seen = task.each("colours compared", seen_from, range(len(task.frames)))
+    solved = balance_frames(seen, int(starts[-1]), len(task.frames))
     return {"gains": solved.gains, "field": solved.field}
 
 

@@ -8,6 +8,7 @@ in each channel. Places drop out of the equations (Brown and Lowe, 2007, for the
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import cv2
@@ -88,20 +89,19 @@ def look_at(points: Matrix, frame: int, view: View, left: ByteImage, tolerance: 
     return GainSample(which[good], np.full(int(good.sum()), frame, np.int64), np.log(smooth[good]), terms)
 
 
-def balance_frames(seen: list[GainSample], places: int, frames: int) -> Balance:
+def balance_frames(seen: Iterable[GainSample], places: int, frames: int) -> Balance:
     """Solve for all frames together.
 
     Parameters
     ----------
-    seen : list of Seen
+    seen : iterable of GainSample
     places, frames : int
         How many there are.
     """
-    place = np.concatenate([s.place for s in seen] or [np.empty(0, np.int64)])
-    frame = np.concatenate([s.frame for s in seen] or [np.empty(0, np.int64)])
+    shown = _together(seen)
+    place, frame, level, terms = shown.place, shown.frame, shown.level, shown.terms
     if not len(place):
         return unbalanced(frames)
-    level, terms = np.concatenate([s.level for s in seen]), np.concatenate([s.terms for s in seen])
     row = np.arange(len(place))
     design = sparse.hstack(
         [sparse.csr_matrix((np.ones(len(row)), (row, frame)), (len(row), frames)), sparse.csr_matrix(terms)], "csr"
@@ -109,6 +109,14 @@ def balance_frames(seen: list[GainSample], places: int, frames: int) -> Balance:
     member = sparse.csr_matrix((np.ones(len(row)), (row, place)), (len(row), places))
     solved = np.stack([_solve(design, member, level[:, c], frames) for c in range(3)], axis=1)
     return Balance(solved[:frames] - solved[:frames].mean(axis=0), solved[frames:])
+
+
+def _together(seen: Iterable[GainSample]) -> GainSample:
+    """One after the other; the single ones are let go of on the way."""
+    parts = [(s.place, s.frame, s.level, s.terms) for s in seen]
+    if not parts:
+        return GainSample(*(np.zeros(0, np.int64),) * 2, np.zeros((0, 3)), np.zeros((0, FIELD_TERMS)))
+    return GainSample(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 
 def _solve(design: sparse.csr_matrix, member: sparse.csr_matrix, level: Matrix, frames: int) -> Matrix:
