@@ -149,18 +149,16 @@ def _shrink_band(child: FloatArray, parent: FloatArray, sigma: float, window: in
     variance = child.dtype.type(sigma * sigma)
     power = cv2.multiply(child, child)
     signal: FloatArray = cv2.blur(power, (window, window), borderType=cv2.BORDER_REFLECT)
-    signal -= variance
-    np.sqrt(np.maximum(signal, 0, out=signal), out=signal)  # eq. 7
+    none = np.sqrt(np.finfo(child.dtype).tiny)  # a signal of zero, that can be divided by
+    np.maximum(np.subtract(signal, variance, out=signal), none, out=signal)  # eq. 7, squared
     parents = cv2.resize(cv2.multiply(parent, parent), child.shape[::-1], interpolation=cv2.INTER_NEAREST)
-    radius: FloatArray = cv2.add(power, parents, dst=power)
-    np.sqrt(radius, out=radius)
-    # eq. 8 times sigma on both sides of the fraction, so that a signal of zero needs no division
-    radius *= signal
-    kept: FloatArray = radius - child.dtype.type(np.sqrt(3.0)) * variance
+    signal *= cv2.add(power, parents, dst=power)
+    kept: FloatArray = np.maximum(np.sqrt(signal, out=signal), none, out=signal)
+    np.divide(child.dtype.type(-np.sqrt(3.0)) * variance, kept, out=kept)  # eq. 8
+    kept += 1
     np.maximum(kept, 0, out=kept)
     kept *= child
-    shrunk: FloatArray = np.divide(kept, np.maximum(radius, np.finfo(child.dtype).tiny, out=radius), out=kept)
-    return shrunk
+    return kept
 
 
 def wavelet_denoise(luminance: FloatArray, levels: int = 4, sigma: float | None = None) -> FloatArray:
