@@ -159,6 +159,21 @@ def test_the_rig_is_found_within_its_sigma(truth: RigError) -> None:
     assert calibrate(relations(truth, 3), GEOMETRY, 0.35) is None
 
 
+def test_noise_over_a_flat_bottom_is_not_taken_for_an_offset() -> None:
+    rng, found = np.random.default_rng(4), []
+    for _ in range(120):
+        points, names = bottom(rng, 400, relief_m=0.01), descriptors(rng, 400)
+        step = motion(0.1 + 0.05 * rng.uniform(), *(rng.normal(size=5) * 0.01))
+        first, second = (seen(points, pose, names, rng, sigma=0.25) for pose in (np.eye(4), step))
+        relation = relate(first, second, GEOMETRY, TrackParams())
+        assert relation is not None
+        found.append(relation)
+    finding = calibrate(found, GEOMETRY, 0.35)
+    assert finding is not None
+    assert abs(finding.error.offset_px) < 3 * finding.offset_sigma_px
+    assert finding.applied == RigError()
+
+
 def test_a_corrected_relation_has_the_true_scale() -> None:
     truth = RigError(-1.0, 0.0)
     told = relations(truth, 1)[0]
