@@ -19,7 +19,7 @@ CLEAN, NOISY = (
     0.4,
 )  #: noise / contrast up to which nothing is smoothed, and from which all channels weigh alike
 SMOOTHING = 0.9  #: standard deviation of the smoothing there, px
-BLOCK, FEWEST_BLOCKS = 8, 8  #: px; of JPEG and most video, and how many an image must have to be judged
+BLOCK, FEWEST_BLOCKS = 8, 24  #: px; of JPEG and most video, and how many a side must have: of few, chance makes a grid
 #: Ratio of steps between blocks to others: 1.0 to 1.17 in what is not compressed; 1.3 to 2.5 in JPEG of quality 30.
 WHOLE, IN_BLOCKS = 1.2, 1.3
 LEAST_CONTRAST = 1.0  #: less is taken for this, gray levels
