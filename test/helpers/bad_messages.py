@@ -97,7 +97,7 @@ bad_headers = st.one_of(
 
 # raw images
 
-ENCODINGS = ("32FC1", "64FC1", "8SC1", "rgb8 ", "RGB8", "mono12", "h264", "../../etc/passwd", "8UC2", "nv61", "", "\n")
+ENCODINGS = ("32FC1", "64FC1", "8SC1", "rgb8 ", "RGB8", "mono10p", "h264", "../../etc/passwd", "8UC2", "nv61", "", "\n")
 bad_encodings = st.builds(
     lambda name: setting("encoding: expected", encoding=name),
     st.one_of(st.sampled_from([*ENCODINGS, "x" * 1_000_000]), st.text(max_size=20).map(lambda t: "?" + t)),

@@ -244,5 +244,5 @@ def test_parameters_are_checked() -> None:
         SimulateParams(bits=12)
     with pytest.raises(ValueError, match=r"distance_m: expected at least twice baseline_m = 0\.5 m, got 0\.6"):
         SimulateParams(baseline_m=0.5, distance_m=0.6)
-    with pytest.raises(ValueError, match="scene: expected one of amphora, pipe, reef, plane, got 'wreck'"):
-        SimulateParams(scene="wreck")
+    with pytest.raises(ValueError, match="scene: expected one of amphora, pipe, reef, plane, wreck, got 'castle'"):
+        SimulateParams(scene="castle")

@@ -64,13 +64,13 @@ def decode(message: RawMessage) -> Any:
     BagError
         The type is not a standard one or the bytes do not fit it.
     """
-    problem: Exception | None = None
+    problem = ""  # not the error itself: it would keep this frame, and all that was read in it, alive
     for kind in (message.type, *_EARLIER.get(message.type, ())):
         try:
             return typestore().deserialize_cdr(message.data, kind)
         except _UNFIT as error:
-            problem = problem or error
-    raise BagError(f"{message.topic}: {len(message.data)} bytes are no {message.type} ({problem})") from problem
+            problem = problem or str(error)
+    raise BagError(f"{message.topic}: {len(message.data)} bytes are no {message.type} ({problem})")
 
 
 class BagFactory:

@@ -247,7 +247,9 @@ def solve_ports(pairs: Sequence[SeenPair], board: Board, air: AirRig, told: Port
     kept, poses, wrong = _first_look(start, kept)
     try:
         bundle, kept, left_out = without_outlying(fitted(numbers, poses, kept), kept, fitted, wrong)
-    except np.linalg.LinAlgError as error:
+    except (np.linalg.LinAlgError, CalibrationError) as error:
+        if getattr(error, "code", Code.CALIBRATE_UNSYNCHRONISED) != Code.CALIBRATE_UNSYNCHRONISED:
+            raise
         raise _impossible("none that explains the pictures") from error
     distance, sigma = float(bundle.numbers[_RIG]), float(np.sqrt(bundle.covariance[_RIG, _RIG]))
     if not distance >= -_IMPOSSIBLE * sigma:

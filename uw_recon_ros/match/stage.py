@@ -28,11 +28,13 @@ from uw_recon_ros.types import (
     ByteImage,
     DisparityMap,
     FloatImage,
+    Mask,
     Matches,
     MatchingPair,
     RectifiedPair,
     RowOffset,
     Status,
+    Window,
 )
 from uw_recon_ros.unseen_pixels import continued, unseen
 
@@ -206,10 +208,11 @@ class Match:
         window = window_to_match(pair)
         shape = pair.left.shape[:2]
         left, right = (_along_rows(image[window.slices], vertical) for image in _scenes(pair))
+        hidden = _hidden(pair, window, vertical)
         low, high = self._limits(left, right)
         mended = self._mended(left, right, low, high)
         start = self._network_start(left, mended.right, low, high) or mended.start
-        result = self._solve(left, mended.right, low, high, before, start)
+        result = self._solve(left, mended.right, low, high, before, start, hidden)
         nan = np.float32(np.nan)
         disparity, *trust = (
             paste(_as_seen(found, vertical), window, shape, nan)
@@ -277,6 +280,7 @@ class Match:
         high: int,
         before: FrameBefore | None = None,
         start: Beginning | None = None,
+        hidden: tuple[Mask, Mask] | None = None,
     ) -> _Solution:
         threads = self._threads
         if self.params.method == "kz2":
@@ -285,8 +289,9 @@ class Match:
             before = None
         seed, effort = self.params.match_seed, self.params.effort
         result = graph_cut(
-            left, right, low, high, effort=effort, seed=seed, threads=threads, before=before, start=start
-        )
+            left, right, low, high,
+            effort=effort, seed=seed, threads=threads, before=before, start=start, hidden=hidden,
+        )  # fmt: skip
         trust = result.sigma, result.confidence
         return _Solution(result.disparity, *trust, result.status, result.energy, result.frame)
 
@@ -332,6 +337,15 @@ def _scenes(pair: MatchingPair) -> list[ByteImage]:
             )
         scenes.append(continued(image, hidden))
     return scenes
+
+
+def _hidden(pair: MatchingPair, window: Window, vertical: bool) -> tuple[Mask, Mask] | None:
+    """Where either image shows nothing, rows matching; None where both are whole."""
+    left, right = (
+        np.ascontiguousarray(np.swapaxes(mask, 0, 1) if vertical else mask)
+        for mask in (unseen(image)[window.slices] for image in (pair.left, pair.right))
+    )
+    return (left, right) if left.any() or right.any() else None
 
 
 def _processors() -> int:

@@ -123,6 +123,7 @@ def graph_cut(
     threads: int = 1,
     before: FrameBefore | None = None,
     start: Beginning | None = None,
+    hidden: tuple[Mask, Mask] | None = None,
 ) -> GraphCutResult:
     """Match a rectified pair.
 
@@ -141,6 +142,8 @@ def graph_cut(
         Of a frame of the same size shortly before: fewer planes are tried then.
     start : Beginning, optional
         Of these very images and limits, where it was made already.
+    hidden : two (H, W) bool, optional
+        Where the left and the right image show nothing: no surface is judged by what was found there.
 
     Raises
     ------
@@ -158,7 +161,7 @@ def graph_cut(
     schedule = SCHEDULES[effort]
     if not schedule.passes:
         _leave_out(blank, status)
-        return _result(seen, start, status, water, limits, float("nan"), effort, threads)
+        return _result(seen, start, status, water, limits, float("nan"), effort, threads, hidden)
     gray = images[0].as_bytes()
     moved = None if before is None else move_planes(before, gray, seen, usable)
     state = _planes(*images, seen, usable, blank, moved, limits, schedule, seed, threads)
@@ -169,7 +172,7 @@ def graph_cut(
     _leave_out(blank, status)
     remove_small_segments(disparity, status)
     value = sum(energy(state)) / schedule.units
-    result = _result(disparity, start, status, water, limits, value, effort, threads)
+    result = _result(disparity, start, status, water, limits, value, effort, threads, hidden)
     return replace(result, frame=FrameBefore(gray, state.planes))
 
 
@@ -260,6 +263,7 @@ def _result(
     value: float,
     effort: str,
     threads: int,
+    hidden: tuple[Mask, Mask] | None,
 ) -> GraphCutResult:
     valid = status == 0
     left, right = (plain_gray(view.pixels, view.noise) for view in start.images)
@@ -270,7 +274,15 @@ def _result(
     if SCHEDULES[effort].passes:
         sigma = with_disagreement(sigma, disparity, start.disparity, start.usable)
     sigma = np.maximum(sigma, doubtful(signs, effort) * np.float32(DOUBTFUL_SIGMA))
-    lost = unfounded(disparity, confidence, water, limits)
+    shown = disparity if hidden is None else only_where(~_in_hidden(disparity, *hidden), disparity)
+    lost = unfounded(shown, confidence, water, limits)
     status[lost] = np.where(water.faint[lost], int(Status.LOW_TEXTURE), int(Status.INCONSISTENT))
     disparity, sigma, confidence = (only_where(~lost, found) for found in (disparity, sigma, confidence))
     return GraphCutResult(disparity, sigma, confidence, status, value)
+
+
+def _in_hidden(disparity: FloatImage, left: Mask, right: Mask) -> Mask:
+    """Pixels of the left view that lie, or whose match lies, where nothing is shown."""
+    height, width = disparity.shape
+    match = np.rint(np.arange(width) - np.nan_to_num(disparity)).clip(0, width - 1).astype(np.intp)
+    return np.asarray(left | right[np.arange(height)[:, None], match])
