@@ -326,3 +326,11 @@ def test_images_without_stamps_are_paired_by_log_time(tmp_path: Path) -> None:
         assert recording[3].stamp_ns == 10**9 + 300 * MS
         assert np.array_equal(recording[3].right, SCENES[3][1])
         assert any("without a stamp" in note for note in recording.listing.notes)
+
+
+def test_a_camera_beside_the_rig_is_told(tmp_path: Path) -> None:
+    for name in ("cam0", "cam1", "cam2"):
+        (tmp_path / name).mkdir()
+    found, others = camera_folders(tmp_path)
+    assert found == (tmp_path / "cam0", tmp_path / "cam1")
+    assert others == ["cam2"]

@@ -24,7 +24,7 @@ _MOST = 1_000_000
 
 
 def camera_folders(path: Path) -> tuple[tuple[Path, Path] | None, list[str]]:
-    """The two folders of a rig's cameras in a folder, and the names of other such pairs.
+    """The two folders of a rig's cameras in a folder, and the names of other such pairs and cameras.
 
     Raises
     ------
@@ -44,7 +44,9 @@ def camera_folders(path: Path) -> tuple[tuple[Path, Path] | None, list[str]]:
             "left/ and right/", Code.RECORDING_SEVERAL_RIGS,
         )  # fmt: skip
     _, left, right = found[0]
-    return (folders[left], folders[right]), [f"{one} and {other}" for _, one, other in found[1:]]
+    paired = {name for pair in found for name in pair[1:]}
+    alone = sorted({name for pair in named for name in pair[1:]} - paired)
+    return (folders[left], folders[right]), [*(f"{one} and {other}" for _, one, other in found[1:]), *alone]
 
 
 def _disjoint(found: list[tuple[int, str, str]]) -> list[tuple[int, str, str]]:
