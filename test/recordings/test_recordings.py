@@ -164,6 +164,19 @@ def test_of_more_frames_the_nearest_is_the_partner(tmp_path: Path, side: int) ->
             assert alike(pair.right, PAIRS[1 + 3 * n][1], 9.0)
 
 
+@pytest.mark.parametrize("side", [0, 1])
+def test_frames_of_the_longer_video_are_told(tmp_path: Path, side: int) -> None:
+    for which, name in enumerate(("left", "right")):
+        write_video(tmp_path / f"{name}.mkv", [pair[which] for pair in (PAIRS[:9] if which == side else PAIRS)])
+    with Recording(tmp_path, Options(clock_offset="0")) as recording:
+        assert len(recording) == 9
+        said = " ".join(recording.listing.notes)
+    expected = (
+        "right frames lie before or after" if side == 0 else f"{COUNT - 9} of {COUNT} left frames have no partner"
+    )
+    assert expected in said
+
+
 def test_a_frame_of_a_video_is_held_against_one_well_before(tmp_path: Path) -> None:
     """Encoders repeat blocks of the last frame where little moves: taken for frozen, a third of a dive was lost."""
     write_video(tmp_path / "dive.mkv", [joined("side-by-side", pair) for pair in PAIRS])

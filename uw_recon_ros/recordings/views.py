@@ -7,6 +7,7 @@ from contextlib import closing, suppress
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uw_recon_ros.errors import BagError, ImageError
 from uw_recon_ros.files.images import read_image
@@ -223,12 +224,24 @@ def _nearest(
     apart, alone = [abs(lag) / 1e6 for _, lag in partner.values()], len(ours) - len(partner)
     if alone:
         notes.append(f"{source.name}: {alone} of {len(ours)} left frames have no partner")
+    beyond = _beyond(ours, stamps, clock)
+    if beyond:
+        notes.append(f"{source.name}: {beyond} of {len(theirs)} right frames lie before or after all left frames")
     if apart and np.median(apart) > 1.0:
         notes.append(
             f"{source.name}: partners are {np.median(apart):.1f} ms apart (median), at most {max(apart):.1f} ms: "
             "cameras without a common trigger; a survey takes the rig's own motion in that time out, not that of "
             "animals and plants"
         )
+
+
+def _beyond(ours: list[tuple[int, int]], stamps: NDArray[np.int64], clock: Clock) -> int:
+    """How many right frames lie further than an interval before the first or after the last left one."""
+    if not ours:
+        return len(stamps)
+    first, last = (clock.right_of(ours[place][0]) for place in (0, -1))
+    spare = (last - first) / max(len(ours) - 1, 1)
+    return int(((stamps < first - spare) | (stamps > last + spare)).sum())
 
 
 def _around(marks: list[tuple[int, int]], place: int) -> Iterator[tuple[int, int]]:
