@@ -207,8 +207,12 @@ class Match:
         vertical = pair.axis == "vertical"
         window = window_to_match(pair)
         shape = pair.left.shape[:2]
-        left, right = (_along_rows(image[window.slices], vertical) for image in _scenes(pair))
-        hidden = _hidden(pair, window, vertical)
+        unseen_parts = _unseen_parts(pair)
+        left, right = (
+            _along_rows(continued(image, part)[window.slices], vertical)
+            for image, part in zip((pair.left, pair.right), unseen_parts, strict=True)
+        )
+        hidden = _hidden(unseen_parts, window, vertical)
         low, high = self._limits(left, right)
         mended = self._mended(left, right, low, high)
         start = self._network_start(left, mended.right, low, high) or mended.start
@@ -318,33 +322,28 @@ class Match:
         return _Solution(disparity, sigma, confidence, none, float(result.energy))
 
 
-def _scenes(pair: MatchingPair) -> list[ByteImage]:
-    """Left and right as they are matched: continued where they show nothing, so that no edge of that is matched.
+def _unseen_parts(pair: MatchingPair) -> tuple[Mask, Mask]:
+    """Where the left and the right image show nothing: they are continued there, so that no edge of that is matched.
 
     Raises
     ------
     EstimationError
         An image shows nothing, or next to nothing.
     """
-    scenes = []
-    for name, image in (("left", pair.left), ("right", pair.right)):
-        hidden = unseen(image)
-        if hidden.mean() > _MOST_UNSEEN:
+    parts = unseen(pair.left), unseen(pair.right)
+    for name, part in zip(("left", "right"), parts, strict=True):
+        if part.mean() > _MOST_UNSEEN:
             raise EstimationError(
                 f"{name} image: expected a scene on at least {1 - _MOST_UNSEEN:.0%} of its pixels, got "
-                f"{1 - hidden.mean():.1%}, the others show nothing: check camera, cable and transfer",
+                f"{1 - part.mean():.1%}, the others show nothing: check camera, cable and transfer",
                 Code.MATCH_NOTHING_SEEN,
             )
-        scenes.append(continued(image, hidden))
-    return scenes
+    return parts
 
 
-def _hidden(pair: MatchingPair, window: Window, vertical: bool) -> tuple[Mask, Mask] | None:
-    """Where either image shows nothing, rows matching; None where both are whole."""
-    left, right = (
-        np.ascontiguousarray(np.swapaxes(mask, 0, 1) if vertical else mask)
-        for mask in (unseen(image)[window.slices] for image in (pair.left, pair.right))
-    )
+def _hidden(unseen_parts: tuple[Mask, Mask], window: Window, vertical: bool) -> tuple[Mask, Mask] | None:
+    """The same of the window that is matched, rows matching; None where both views are whole there."""
+    left, right = (_along_rows(part[window.slices], vertical) for part in unseen_parts)
     return (left, right) if left.any() or right.any() else None
 
 
@@ -353,7 +352,7 @@ def _processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _along_rows(image: ByteImage, vertical: bool) -> ByteImage:
+def _along_rows(image: NDArray[T], vertical: bool) -> NDArray[T]:
     """The image so that matching pixels share a row."""
     return np.ascontiguousarray(np.swapaxes(image, 0, 1) if vertical else image)
 
