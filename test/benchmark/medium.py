@@ -36,20 +36,23 @@ from uw_recon_ros.types import StereoCalibration, StereoPair  # noqa: E402
 PARAMS = RectifyParams()
 
 
-def line(what: str, verdicts: Counter[str], metres: int) -> None:
+def line(what: str, verdicts: Counter[str], metres: int, turned: int) -> None:
     """Print how many said what."""
     counts = ", ".join(f"{name} {count}" for name, count in sorted(verdicts.items()))
-    print(f"{what:44s} {counts}; metres given {metres} of {verdicts.total()}", flush=True)
+    print(
+        f"{what:44s} {counts}; metres given {metres}, a turned camera named {turned} of {verdicts.total()}", flush=True
+    )
 
 
 def judge(what: str, cases: Iterator[tuple[StereoCalibration, TiePoints]]) -> None:
     """A line for all pairs of a kind."""
-    verdicts, metres = Counter[str](), 0
+    verdicts, metres, turned = Counter[str](), 0, 0
     for calibration, found in cases:
         rectification = rectification_from_calibration(calibration, PARAMS, found)
         verdicts[rectification.quality.medium or "not looked at"] += 1
         metres += rectification.geometry.metric
-    line(what, verdicts, metres)
+        turned += any("turned" in finding.text for finding in rectification.quality.warnings)
+    line(what, verdicts, metres, turned)
 
 
 def tank(data: Path) -> None:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uw_recon_ros.findings import Code, Finding, Severity
+from uw_recon_ros.rectify.camera_turn import CameraTurn, camera_turn
 from uw_recon_ros.rectify.params import RectifyParams
 from uw_recon_ros.rectify.rectification import Rectification, row_statistics
 from uw_recon_ros.rectify.tie_points import TiePoints
@@ -38,6 +39,8 @@ class RowAgreement:
         Tie points measured on.
     diagonal_px : float
         Of the images.
+    turn : CameraTurn or None
+        Of the right camera, where it explains the error of a calibrated rig.
     """
 
     median_px: float = math.nan
@@ -45,6 +48,7 @@ class RowAgreement:
     noise_px: float = math.nan
     points: int = 0
     diagonal_px: float = math.nan
+    turn: CameraTurn | None = None
 
     @classmethod
     def measured(cls, rectification: Rectification, tie_points: TiePoints) -> RowAgreement:
@@ -52,7 +56,8 @@ class RowAgreement:
         errors = rectification.row_errors(tie_points)
         median, p95 = row_statistics(errors)
         noise = row_noise(errors, *rectification.rectified(tie_points), size=tie_points.width)
-        return cls(median, p95, noise, len(tie_points), math.hypot(tie_points.width, tie_points.height))
+        diagonal, turn = math.hypot(tie_points.width, tie_points.height), _turn(rectification, tie_points, median)
+        return cls(median, p95, noise, len(tie_points), diagonal, turn)
 
     def limit_px(self, params: RectifyParams) -> float:
         """Median over which a pair is marked: of the image's size, of the noise, or 0.2 px: the largest."""
@@ -89,6 +94,12 @@ class RowAgreement:
             "check: both images taken at the same time? the resolution and crop of the calibration? the rig not moved "
             "since? calibrated in water?"
         )
+        if self.turn is not None:
+            text += f"; a right camera turned by {self.turn} leaves {self.turn.after_px:.2f} px"
+            advice = (
+                "the same in all pairs: a camera was knocked since the calibration (or the calibration is for another "
+                "image size, crop or port): calibrate again; different from pair to pair: images of different moments"
+            )
         return Finding(Code.RECTIFY_ROWS_DISAGREE, text, Severity.UNRELIABLE, advice)
 
     def _withholding(self, params: RectifyParams) -> Finding:
@@ -98,6 +109,15 @@ class RowAgreement:
             "calibration gives no scale"
         )
         return Finding(Code.RECTIFY_SCALE_WITHHELD, text, Severity.UNRELIABLE, "calibrate this rig, in water")
+
+
+def _turn(rectification: Rectification, tie_points: TiePoints, median_px: float) -> CameraTurn | None:
+    """The turn that explains the error; None where there is little, or where the water explains it."""
+    quality = rectification.quality
+    if quality.method != "calibrated" or quality.medium == "water" or not median_px > _FINEST_PX:
+        return None
+    found = camera_turn(rectification, tie_points)
+    return found if found is not None and found.explains else None
 
 
 def not_checked(why: str = "no tie points", code: Code | None = None) -> tuple[Finding, ...]:
