@@ -41,6 +41,17 @@ def test_shifted_rows_are_marked_and_then_lose_their_metres(errors_px, marked, w
     assert (Code.RECTIFY_SCALE_WITHHELD in said) == withheld == (not found.geometry.metric)
 
 
+@pytest.mark.parametrize("count", [80, 600])
+def test_one_cameras_lost_distortion_is_no_noise_of_tie_points(count):
+    """A lens bends rows as no plane does, but smoothly."""
+    rig = make_rig(angles_deg=(1.0, -2.0, 1.5), d=np.array([-0.25, 0.08, 0.0, 0.0, 0.0]))
+    left, right, _ = rig.see(scatter(rig, count, 1.0, 3.0), 0.3)
+    whole, points = calibration_of(rig), TiePoints(left, right, rig.width, rig.height)
+    lost = replace(whole, right=replace(whole.right, d=np.zeros(5)))
+    for calibration, metric in ((whole, True), (lost, False)):
+        assert rectification_from_calibration(calibration, PARAMS, points).geometry.metric == metric
+
+
 def test_the_limit_grows_with_the_image():
     rows = RowAgreement(0.5, 1.0, 0.05, 500, 800.0)
     assert rows.unreliable(PARAMS)

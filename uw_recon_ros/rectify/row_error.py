@@ -19,7 +19,7 @@ from uw_recon_ros.rectify.rectification import Rectification, row_statistics
 from uw_recon_ros.rectify.tie_points import TiePoints
 from uw_recon_ros.types import Matrix
 
-_FEWEST = 12  # points that a surface of seven unknowns is fitted to
+_FEWEST, _FEWEST_CUBIC = 12, 50  # points that a surface of seven, and of eleven unknowns is fitted to
 _ITERATIONS = 10
 _SMALLEST_PX = 1e-3
 _FINEST_PX = 0.2  # tie points are not placed better, however small the image
@@ -152,6 +152,8 @@ def row_noise(errors: Matrix, left: Matrix, right: Matrix, size: int) -> float:
     parallax = (left[known] - right[known]) / size
     along = parallax[:, int(parallax[:, 1].std() > parallax[:, 0].std())]
     surface = np.column_stack([np.ones_like(x), x, y, x * y, x * x, y * y, along])
+    if len(errors) >= _FEWEST_CUBIC:  # a lost lens distortion
+        surface = np.column_stack([surface, x**3, x * x * y, x * y * y, y**3])
     residual = errors - np.median(errors)
     for _ in range(_ITERATIONS):
         root = 1 / np.sqrt(np.maximum(np.abs(residual), _SMALLEST_PX))  # so weighted, squares become magnitudes
