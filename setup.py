@@ -32,7 +32,7 @@ VIDEO, NETWORK = ["av>=11"], ["onnxruntime>=1.17"]
 #: rawpy: MIT, with LibRaw (LGPL 2.1 or CDDL); pi-heif: BSD, with libheif and libde265 (LGPL), no encoder.
 RAW = ["rawpy>=0.21", "pi-heif>=0.18"]
 COMPLETION = ["argcomplete>=3"]
-MODEL = ["fast-simplification>=0.1.9", "xatlas>=0.0.9"]
+MODEL = ["fast-simplification>=0.1.9"]
 DOCS = ["sphinx>=7.2", "myst-parser>=3", "furo>=2024.1.29"]
 TEST = [
     "pytest>=7.4",

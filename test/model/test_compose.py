@@ -30,7 +30,7 @@ GROUND = Ground(((np.array([0.1, 0.0, 0.1]), 0.12),))
 PARAMS = DiveModelParams(voxel_m=0.02, texture_px=256, tiles="always", terrain="yes", texture_faces=400)
 FILES = {"mesh.ply", "mesh.glb", "orthomosaic.tif", "elevation.tif", "area.tif", "slope.tif", "rugosity.tif",
          "cloud.ply", "tileset.json"}  # fmt: skip
-needs_extra = pytest.mark.skipif(not has_extra(), reason="fast-simplification and xatlas are not installed")
+needs_extra = pytest.mark.skipif(not has_extra(), reason="fast-simplification is not installed")
 
 
 def dive(count: int = 6) -> list[PosedFrame]:
@@ -135,7 +135,7 @@ def killed_at(folder: Path, step: str, frames: list[PosedFrame] | None = None) -
 @pytest.mark.parametrize("step", ["tiles fused", "colours compared", "columns coloured", "texture drawn"])
 def test_jobs_and_restarts_leave_the_same_bytes(made: Path, tmp_path: Path, step: str) -> None:
     if step == "texture drawn" and not has_extra():
-        pytest.skip("fast-simplification and xatlas are not installed")
+        pytest.skip("fast-simplification is not installed")
     killed_at(tmp_path, step)
     composed(tmp_path, params=dataclasses.replace(PARAMS, jobs=2))
     assert contents(tmp_path) == contents(made)

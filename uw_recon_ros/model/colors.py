@@ -28,9 +28,10 @@ _TOLERANCE = 2.0  # voxels between surface and picture's depth, beside its sigma
 def color_points(
     task: TileTask, found: Found, balance: Balance, points: Matrix, normals: FloatImage, numbers: NDArray[np.intp]
 ) -> BestViews:
-    """Best views of places among some frames."""
+    """Best views of places among some frames; the nearest first, for those after the best two cost little."""
     best = BestViews(points, normals, _TOLERANCE * found.layout.voxel)
-    for number in numbers.tolist():
+    away = found.layout.reaches[numbers].mean(axis=1) - (points.mean(axis=0) if len(points) else 0.0)
+    for number in numbers[np.argsort((away[:, :2] ** 2).sum(axis=1), kind="stable")].tolist():
         frame = task.frames[number]
         best.add(number, view_of(frame), frame.left, balance, float(found.sharpness[number]))
     return best

@@ -129,7 +129,7 @@ def _tiles(task: TileTask, found: Found, colored: partial[Column]) -> list[str]:
 
 def _findings(task: TileTask, mapped: Mapped, per_voxel: float) -> Iterator[Finding]:
     if not has_extra():
-        text = "the mesh is not simplified and has no texture: fast-simplification and xatlas are not installed"
+        text = "the mesh is not simplified and has no texture: fast-simplification is not installed"
         yield Finding(Code.MODEL_EXTRA_ABSENT, text, advice="pip install '.[model]' in the sources' folder")
     if per_voxel < task.params.cells_a_voxel:
         text = f"the orthomosaic's cells are {1000 * mapped.pixel:g} mm, larger than asked for, to stay in most_cells"

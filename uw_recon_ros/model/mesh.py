@@ -16,17 +16,9 @@ from uw_recon_ros.model.colors import Column, color_points
 from uw_recon_ros.model.maps import Overview
 from uw_recon_ros.model.surface import Found, column_patch, columns_of
 from uw_recon_ros.model.work import TileTask, World
+from uw_recon_ros.texturing.atlas import Atlas, grown, make_atlas, texels_of
 from uw_recon_ros.texturing.gains import Balance
-from uw_recon_ros.texturing.simplify import (
-    Atlas,
-    clustered,
-    grown,
-    has_extra,
-    make_atlas,
-    simplified,
-    texels_of,
-    vertex_normals,
-)
+from uw_recon_ros.texturing.simplify import clustered, has_extra, simplified, vertex_normals
 from uw_recon_ros.types import ByteImage, FloatImage, Matrix, Surface
 
 _AT_ONCE = 2_000_000  # triangles that are joined before they are simplified, at 0.4 kB each
@@ -154,23 +146,19 @@ def from_above(mesh: Mesh, count: int, overview: Overview, world: World) -> Show
 
 
 def _texture(task: TileTask, found: Found, balance: Balance, atlas: Atlas) -> ByteImage:
-    texels = texels_of(atlas)
-    colors = np.zeros((len(texels.points), 3), np.uint8)
+    """Drawn column by column of tiles, for the places of all texels are more than the memory has room for."""
+    normals, middle = vertex_normals(atlas.vertices, atlas.faces), atlas.vertices[atlas.faces].mean(axis=1)
     columns, owner = np.unique(
-        np.floor_divide(texels.points[:, :2], found.layout.tile_edge).astype(np.int64), axis=0, return_inverse=True
+        np.floor_divide(middle[:, :2], found.layout.tile_edge).astype(np.int64), axis=0, return_inverse=True
     )
-    seen = np.zeros(len(colors), np.bool_)
 
-    def colour(k: int) -> tuple[NDArray[np.intp], ByteImage, NDArray[np.bool_]]:
-        own = np.flatnonzero(owner.reshape(-1) == k)
-        numbers = found.layout.frames_of(columns[k])
-        best = color_points(task, found, balance, texels.points[own], texels.normals[own], numbers)
-        return own, best.colors(), best.seen
+    def colour(k: int) -> tuple[NDArray[np.int64], ByteImage, NDArray[np.bool_]]:
+        texels = texels_of(atlas, normals, atlas.faces[owner.reshape(-1) == k])
+        best = color_points(task, found, balance, texels.points, texels.normals, found.layout.frames_of(columns[k]))
+        return texels.index, best.colors(), best.seen
 
-    for own, got, shown in task.each("texture drawn", colour, range(len(columns))):
-        colors[own], seen[own] = got, shown
-    texture = np.zeros((atlas.size, atlas.size, 3), np.uint8)
-    filled = texels.filled.copy()
-    texture[texels.filled] = colors
-    filled[texels.filled] = seen
-    return grown(texture, filled)
+    colors, seen = np.zeros((atlas.size**2, 3), np.uint8), np.zeros(atlas.size**2, np.bool_)
+    for index, got, shown in task.each("texture drawn", colour, range(len(columns))):
+        colors[index], seen[index] = got, shown
+    side = atlas.size, atlas.size
+    return grown(colors.reshape(*side, 3), seen.reshape(side))

@@ -48,7 +48,7 @@ class BestViews:
         n = len(self.points)
         for name, value in (
             ("scores", np.zeros((n, 2), np.float32)), ("levels", np.zeros((n, 2, 3), np.float32)),
-            ("frames", np.full(n, -1, np.int32)), ("views", np.zeros(n, np.uint16)),
+            ("frames", np.full(n, -1, np.int32)),
         ):  # fmt: skip
             object.__setattr__(self, name, value)
 
@@ -58,7 +58,7 @@ class BestViews:
             _consider(
                 self.points, self.normals, view.lens, view.motion, view.depth, view.sigma, left,
                 balance.gains[number], balance.field, self.tolerance, float(sharpness), number,
-                self.scores, self.levels, self.frames, self.views,  # type: ignore[attr-defined]
+                self.scores, self.levels, self.frames,  # type: ignore[attr-defined]
             )  # fmt: skip
 
     @property
@@ -80,12 +80,12 @@ class BestViews:
 
 
 @kernel(allocates=False)
-def _score(cosine: float, z: float, u: float, v: float, rows: int, columns: int, sharpness: float) -> float:
-    """Fineness of a view of a place."""
+def _fineness(z: float, u: float, v: float, rows: int, columns: int, sharpness: float) -> float:
+    """Of a view of a place that faces it."""
     rim = min(min(u, v), min(columns - 1 - u, rows - 1 - v))
     x, y = (2 * u - columns) / columns, (2 * v - rows) / columns
     inward = min((rim + 0.5) / _RIM_PX, 1.0) / (1.0 + x * x + y * y)
-    found: float = sharpness * cosine / z * inward
+    found: float = sharpness / z * inward
     return found
 
 
@@ -103,7 +103,7 @@ def _sample(left: ByteImage, u: float, v: float, channel: int) -> float:
 def _consider(
     points: Matrix, normals: FloatImage, lens: Matrix, motion: Matrix, depth: FloatImage, sigma: FloatImage,
     left: ByteImage, gain: Matrix, field: Matrix, tolerance: float, sharpness: float, number: int,
-    scores: FloatImage, levels: FloatImage, frames: NDArray[np.int32], views: NDArray[np.uint16],
+    scores: FloatImage, levels: FloatImage, frames: NDArray[np.int32],
 ) -> None:  # fmt: skip
     rows, columns = depth.shape
     m = motion
@@ -120,6 +120,9 @@ def _consider(
         v = lens[1] * y / z + lens[3]
         if not (v >= 0.0 and v <= rows - 1):
             continue
+        fineness = _fineness(z, u, v, rows, columns, sharpness)
+        if not fineness > scores[n, 1]:
+            continue
         measured, spread = float(depth[int(v + 0.5), int(u + 0.5)]), float(sigma[int(v + 0.5), int(u + 0.5)])
         known = measured > 0.0
         if known and abs(measured - z) > tolerance + _SIGMAS * spread:
@@ -133,8 +136,7 @@ def _consider(
         cosine = towards / math.sqrt(x * x + y * y + z * z)
         if not cosine > _OBLIQUE:
             continue
-        views[n] += np.uint16(known)
-        score = _score(cosine, z, u, v, rows, columns, sharpness) * (1.0 if known else _UNCONFIRMED)
+        score = fineness * cosine * (1.0 if known else _UNCONFIRMED)
         if not score > scores[n, 1]:
             continue
         slot = 1
