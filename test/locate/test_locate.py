@@ -163,6 +163,18 @@ def test_poses_that_the_pictures_contradict_are_told() -> None:
     assert Code.TRACK_PRIORS_DISAGREE in codes(estimate_trajectory(frames, backwards))
 
 
+@pytest.mark.parametrize("factor", [9e-6, 1 / 0.3048, 1.0])
+def test_positions_in_another_unit_are_told(factor: float) -> None:
+    """Degrees and feet, as loosely held as files without a sigma are; metres are not told."""
+    frames, truth = dive()
+    poses = truth.poses.copy()
+    poses[:, :3, 3] *= factor
+    given = Priors(truth.stamps_ns, poses, np.diag([0.1**-2] * 3 + [2500.0] * 3), smooth=False)
+    located = estimate_trajectory(frames, given)
+    told = [finding for finding in located.findings if finding.advice and "degrees" in finding.advice]
+    assert len(told) == (factor != 1.0)
+
+
 def test_an_equal_floor_without_priors_has_no_silent_jump() -> None:
     """Either a step is right, or the frames are in different segments."""
     frames, truth = dive("tiles")

@@ -274,6 +274,13 @@ def test_a_code_of_a_system_needs_poses_in_it(survey: Path) -> None:
     assert refused(survey, params=DiveModelParams(epsg=32633)).code == Code.MODEL_POSES
 
 
+def test_latitude_and_longitude_are_no_map(survey: Path) -> None:
+    poses = survey / "model_frames" / "absent.txt"
+    assert refused(survey, params=DiveModelParams(epsg=4326), poses=str(poses)).code == Code.MODEL_POSES
+    with pytest.raises(ValueError, match="epsg"):
+        DiveModelParams(epsg=99998)
+
+
 def test_distances_are_those_to_the_triangles() -> None:
     mesh = trimesh.creation.box((1.0, 1.0, 1.0)).subdivide().subdivide()
     points = np.random.default_rng(1).uniform(-1, 1, (200, 3))

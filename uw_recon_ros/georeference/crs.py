@@ -12,6 +12,11 @@ from uw_recon_ros.types import Matrix
 # WGS 84
 _A, _F = 6_378_137.0, 1 / 298.257223563
 _SCALE, _EAST = 0.9996, 500_000.0
+#: Codes people give for latitude and longitude, or for coordinates about the Earth's centre: the common ones.
+NOT_PROJECTED = frozenset((
+    4152, 4167, 4171, 4190, 4202, 4203, 4230, 4258, 4267, 4269, 4277, 4283, 4289, 4312, 4313, 4314, 4322, 4326, 4490,
+    4612, 4617, 4618, 4674, 4936, 4937, 4978, 4979, 6318, 6668, 7789, 7843, 7844, 9000, 9057, 9755,
+))  # fmt: skip
 _NORTH_UTM, _SOUTH_UTM = 32_600, 32_700  # EPSG codes of zone 0
 _UTM_WKT = (
     'PROJCS["WGS 84 / UTM zone {zone}",'

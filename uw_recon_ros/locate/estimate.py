@@ -28,6 +28,7 @@ from uw_recon_ros.types import Matrix, StereoGeometry
 
 _LOOP_CHI2 = 40.0  # of 6; a loop farther from the graph than this is dropped
 _PRIOR_CHI2, _PRIOR_SHARE = 40.0, 0.2  # of 6; share of the frames that may miss what is known from outside by more
+_PRIOR_SPREAD, _ANOTHER_UNIT = 2.0, 2.0  # sigmas of a way that tells its unit; how much longer or shorter it may seem
 _SHORT = 3  # frames of a part that may be put between their neighbours
 _STILL_SHARE = 0.02  # of the depth, within which all positions of a camera that does not move lie
 _BEYOND_DRIFT = 0.75  # share of the footprint within which loops are sought
@@ -112,6 +113,8 @@ def estimate_trajectory(
     missed = np.split(solved.anchor_squares, np.cumsum([len(a.index) for a in given]))[: len(known)]
     found = _findings(walk, trajectory, kept, len(links) - len(kept), rig, applied)
     found += tuple(_prior_findings(known, missed, walk.stamps_ns, upright=upright))
+    if trajectory.metric:
+        found += tuple(_span_findings(known, given, poses))
     numbers = _statistics(walk, trajectory, kept, len(tried), len(links) - len(kept), solved)
     numbers["priors"] = {p.name: len(squares) for p, squares in zip(known, missed, strict=True)}
     return Located(trajectory, found, numbers, tuple(kept), rig, applied)
@@ -317,6 +320,23 @@ def _prior_findings(
             yield Finding(
                 Code.TRACK_PRIORS_DISAGREE, text, advice="check its clock, its frame, and how sure it is said to be"
             )
+
+
+def _span_findings(priors: Sequence[Priors], given: Sequence[Anchors], poses: Matrix) -> Iterator[Finding]:
+    """Positions in another unit: the way they tell is much longer or shorter than the pictures'."""
+    for prior, anchors in zip(priors, given, strict=True):
+        if not prior.known[:2].all() or len(anchors.index) < 2:
+            continue
+        told, seen = (_spread(at[:, :2, 3]) for at in (anchors.poses, poses[anchors.index]))
+        sure = _PRIOR_SPREAD / np.sqrt(prior.information[0, 0])
+        if max(told, seen) > sure and not seen / _ANOTHER_UNIT < told < seen * _ANOTHER_UNIT:
+            text = f"{prior.name}: positions spread by {told:.2g} m where the pictures' way spreads by {seen:.2g} m"
+            advice = "give positions in metres, in a projected system such as UTM, not in degrees, feet or millimetres"
+            yield Finding(Code.TRACK_PRIORS_DISAGREE, text, advice=advice)
+
+
+def _spread(places: Matrix) -> float:
+    return float(np.sqrt(((places - places.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
 def _span(stamps_ns: Sequence[int] | NDArray[np.int64]) -> str:

@@ -16,7 +16,7 @@ from uw_recon_ros.files.atomic import write_json
 from uw_recon_ros.files.trajectories import read_poses, write_trajectory_csv, write_tum
 from uw_recon_ros.findings import Code, Finding, Severity, worst
 from uw_recon_ros.fuse.frame import PosedFrame
-from uw_recon_ros.georeference.crs import WITHOUT_SCALE, Crs
+from uw_recon_ros.georeference.crs import NOT_PROJECTED, WITHOUT_SCALE, Crs
 from uw_recon_ros.locate.estimate import Located, estimate_trajectory
 from uw_recon_ros.locate.priors import priors_from_trajectory
 from uw_recon_ros.model.compose import Composed, compose
@@ -117,6 +117,9 @@ def _outside(request: ModelRequest, rect_from_raw: Matrix) -> Outside:
         if p.epsg:
             raise ModelError("epsg: expected --poses with it, got none", Code.MODEL_POSES)
         return read_outside(request.bags, rect_from_raw)
+    if p.epsg in NOT_PROJECTED:
+        text = f"epsg: expected a projected system in metres (UTM), got {p.epsg}, which is in degrees or not level"
+        raise ModelError(text, Code.MODEL_POSES)
     first = read_poses(request.poses).positions[0]
     origin = np.where(np.abs(first) > _LARGE_M, np.round(first, -3), 0.0)
     given = read_poses(request.poses, origin=origin).turned(rect_from_raw.T)

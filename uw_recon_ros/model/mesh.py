@@ -21,7 +21,7 @@ from uw_recon_ros.texturing.gains import Balance
 from uw_recon_ros.texturing.simplify import clustered, has_extra, simplified, vertex_normals
 from uw_recon_ros.types import ByteImage, FloatImage, Matrix, Surface
 
-_AT_ONCE = 2_000_000  # triangles that are joined before they are simplified, at 0.4 kB each
+_AT_ONCE = 1_000_000  # triangles that are joined before they are simplified, at 0.4 kB each
 
 
 @dataclass(frozen=True, eq=False)

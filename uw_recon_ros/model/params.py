@@ -51,7 +51,7 @@ class DiveModelParams(Params):
         choices=("auto", "always", "never"),
     )  # fmt: skip
     jobs: int = param(1, "Tiles worked on at the same time; what comes out does not depend on it.", low=1, high=256)
-    epsg: int = param(0, "EPSG code of the projected system that the poses are in; 0: a local one.", low=0, high=99999)
+    epsg: int = param(0, "EPSG code of the projected system that the poses are in; 0: a local one.", low=0, high=32766)
     poses_sigma_m: float = param(0.1, "Standard deviation of the positions in --poses.", unit="m", low=1e-4, high=1e3)
     poses_sigma_deg: float = param(
         2.0, "Standard deviation of the attitudes in --poses.", unit="deg", low=0.01, high=180.0
