@@ -69,13 +69,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("dives", nargs="*", default=["rich"], help=f"of {', '.join(DIVES)}")
     parser.add_argument("--frames", type=Path, default=Path("bench_out/dives"), help="where frames are kept")
+    parser.add_argument("--first", type=int, help="only so many frames")
     args = parser.parse_args()
     spent: dict[str, float] = defaultdict(float)
     for stage in STAGES:
         timed(spent, *stage)
     for name in args.dives:
         course, params = DIVES[name]
-        frames = dive_frames(args.frames, "navigation", course, **params)
+        frames = dive_frames(args.frames, "navigation", course, args.first, **params)
         model(frames[:6])  # kernels compiled
         spent.clear()
         whole = model(frames)
