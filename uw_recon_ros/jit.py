@@ -72,7 +72,9 @@ if CACHE_DIRECTORY is not None:
     os.environ["NUMBA_CACHE_DIR"] = str(CACHE_DIRECTORY)
 
 import numba  # noqa: E402  (reads the environment when first imported)
+from numba.core.compiler import Flags  # noqa: E402
 from numba.core.cpu import CPUTargetOptions  # noqa: E402
+from numba.core.options import TargetOptions  # noqa: E402
 
 
 def _postpone_blas() -> None:
@@ -97,6 +99,15 @@ def _postpone_blas() -> None:
 
 
 _postpone_blas()
+
+
+def _offer_noalias() -> None:
+    """Let kernels promise that their arrays lie apart: numba knows how to pass that on, but has no option for it."""
+    if "noalias" in getattr(Flags, "options", ()) and not hasattr(CPUTargetOptions, "noalias"):
+        CPUTargetOptions.noalias = TargetOptions.Mapping("noalias")
+
+
+_offer_noalias()
 _OPTIONS = dir(CPUTargetOptions)  # do without those that this numba does not know: ``_nrt`` is private
 _digests: dict[Path, str] = {}
 _directories: dict[Path, Path | None] = {}
@@ -150,10 +161,15 @@ def _cache_for(function: Callable[..., Any]) -> Path | None:
 def kernel(function: Callable[P, R]) -> Callable[P, R]: ...
 @overload
 def kernel(
-    *, fastmath: bool = False, inline: bool = False, allocates: bool = True
+    *, fastmath: bool = False, inline: bool = False, allocates: bool = True, apart: bool = False
 ) -> Callable[[Callable[P, R]], Callable[P, R]]: ...
 def kernel(
-    function: Callable[..., Any] | None = None, *, fastmath: bool = False, inline: bool = False, allocates: bool = True
+    function: Callable[..., Any] | None = None,
+    *,
+    fastmath: bool = False,
+    inline: bool = False,
+    allocates: bool = True,
+    apart: bool = False,
 ) -> Any:
     """Compile a function to machine code when first called: no GIL, no bounds checks, cached on disk.
 
@@ -171,6 +187,9 @@ def kernel(
     allocates : bool
         Whether it makes arrays (views apart). Where not, numba can leave out the counting of references, which takes
         more than half of the time of small kernels that hand arrays to each other.
+    apart : bool
+        A promise: nothing that is written through one array is read or written through another. Short loops over many
+        arrays else spend more time comparing addresses than working. Where numba cannot use it, it is slower only.
 
     Returns
     -------
@@ -182,6 +201,8 @@ def kernel(
         options["forceinline"] = True
     if not allocates and "_nrt" in _OPTIONS:
         options["_nrt"] = False
+    if apart and "noalias" in _OPTIONS:
+        options["noalias"] = True
     if function is None:
         return lambda decorated: _compile(decorated, options)
     return _compile(function, options)

@@ -10,10 +10,10 @@ from uw_recon_ros.match.planes.census import Words
 from uw_recon_ros.types import ByteImage
 
 Volume = NDArray[np.uint8]
-CENSUS_WEIGHT = 2  #: cost of one differing comparison
+CENSUS_WEIGHT = 1  #: cost of one differing comparison
 COLOR_CUT = 48  #: the sum of the three channels' differences is cut here, gray levels
-COLOR_WEIGHT = 40  #: cost of a difference, 1/64
-OUTSIDE = 60  #: cost of a match outside the other view: what a poor match costs
+COLOR_WEIGHT = 20  #: cost of a difference, 1/64
+OUTSIDE = 30  #: cost of a match outside the other view: what a poor match costs
 
 
 @kernel
