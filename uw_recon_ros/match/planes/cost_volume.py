@@ -70,7 +70,7 @@ def _row_costs(
             _gray_costs(np.int16(left_color[0, u]), right_color[0, x : x + n], weight, cut, seen)
 
 
-@kernel(allocates=False)
+@kernel(inline=True, allocates=False, apart=True)
 def _census_costs(word: np.uint64, others: Words, costs: Volume) -> None:
     """Hamming distances; the sum of bits is the form that compilers know for a population count."""
     for k in range(others.size):
@@ -81,7 +81,7 @@ def _census_costs(word: np.uint64, others: Words, costs: Volume) -> None:
         costs[k] = np.uint8(((bits * np.uint64(0x0101010101010101)) >> np.uint64(56)) * np.uint64(CENSUS_WEIGHT))
 
 
-@kernel(allocates=False)
+@kernel(inline=True, allocates=False, apart=True)
 def _color_costs(pixel: ByteImage, others: ByteImage, weight: np.int16, cut: np.int16, costs: Volume) -> None:
     red, green, blue = np.int16(pixel[0]), np.int16(pixel[1]), np.int16(pixel[2])
     reds, greens, blues = others[0], others[1], others[2]
@@ -92,14 +92,14 @@ def _color_costs(pixel: ByteImage, others: ByteImage, weight: np.int16, cut: np.
         costs[k] = np.uint8(costs[k] + np.uint8(np.int16(min(total, cut) * weight) >> np.int16(6)))
 
 
-@kernel(allocates=False)
+@kernel(inline=True, allocates=False, apart=True)
 def _gray_costs(pixel: np.int16, others: ByteImage, weight: np.int16, cut: np.int16, costs: Volume) -> None:
     for k in range(costs.size):
         total = np.int16(abs(np.int16(pixel - np.int16(others[k]))))
         costs[k] = np.uint8(costs[k] + np.uint8(np.int16(min(total, cut) * weight) >> np.int16(6)))
 
 
-@kernel(allocates=False)
+@kernel(inline=True, allocates=False, apart=True)
 def _mean(above: Volume, here: Volume, below: Volume, labels: int, sums: NDArray[np.int16], mean: Volume) -> None:
     """Write the mean over 3x3 pixels of three rows."""
     width = here.size // labels

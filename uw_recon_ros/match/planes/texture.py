@@ -15,7 +15,7 @@ texture, what remains has a third to a half fewer errors, and even with the hole
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import cv2
 import numpy as np
@@ -120,13 +120,31 @@ def derivative(gray: FloatImage) -> FloatImage:
 
 def local_variance(slope: FloatImage) -> FloatImage:
     """Variance of a derivative over a window; a veil that brightens evenly has none."""
+    inner = (slice(_BORDER, -_BORDER),) * 2
     counted = np.zeros_like(slope)
+    counted[inner] = slope[inner]
+    share = _inverse_counts(slope.shape)
+    mean = _window_sums(counted)
+    counted *= counted
+    variance = _window_sums(counted)
+    for sums in (mean, variance):
+        sums *= share
+    mean *= mean
+    variance -= mean
+    return np.maximum(variance, 0, out=variance)
+
+
+@lru_cache(maxsize=4)
+def _inverse_counts(shape: tuple[int, int]) -> FloatImage:
+    """One over the pixels that count in each window."""
+    counted = np.zeros(shape, np.float32)
     counted[(slice(_BORDER, -_BORDER),) * 2] = 1
-    sums, squares, counts = (
-        cv2.boxFilter(image, -1, (WINDOW, WINDOW), normalize=False, borderType=cv2.BORDER_CONSTANT)
-        for image in (slope * counted, slope * slope * counted, counted)
-    )
-    return np.asarray(np.maximum(squares / counts - (sums / counts) ** 2, 0), np.float32)
+    return np.asarray(1 / _window_sums(counted), np.float32)
+
+
+def _window_sums(image: FloatImage) -> FloatImage:
+    sums = cv2.boxFilter(image, -1, (WINDOW, WINDOW), normalize=False, borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(sums, np.float32)
 
 
 def _noise_of_derivative() -> float:
