@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ import numpy as np
 from uw_recon_ros.catalogue import ALL_PARAMS, NODES
 from uw_recon_ros.findings import Finding
 from uw_recon_ros.match.stage import Match, MatchParams
+from uw_recon_ros.match.subpixel import refine_below_a_pixel
 from uw_recon_ros.params import read_parameter_file, unknown_names
 from uw_recon_ros.preprocess.sequence import PreprocessSequence
 from uw_recon_ros.preprocess.stage import PreprocessParams
@@ -153,11 +154,19 @@ class Products:
 
     @property
     def kept(self) -> DisparityFrame:
-        """What models are made of, and what is measured in: disparities that the depth filter left."""
+        """What is measured in: disparities that the depth filter left."""
         found = self.disparity
         there = np.isfinite(self.depth.depth) & np.isfinite(found.disparity)
         disparity, sigma = (np.where(there, x, np.float32(np.nan)) for x in (found.disparity, found.sigma))
         return DisparityFrame(self.depth.stamp_ns, self.rectified.left, disparity, sigma, self.depth.geometry)
+
+    @property
+    def modelled(self) -> DisparityFrame:
+        """What models are made of: `kept`, by parts of a pixel as the images have it."""
+        kept, pair = self.kept, self.rectified
+        if pair.geometry.axis != "horizontal":
+            return kept
+        return replace(kept, disparity=refine_below_a_pixel(pair.left, pair.right, kept.disparity, kept.sigma))
 
     @property
     def findings(self) -> tuple[Finding, ...]:

@@ -52,7 +52,7 @@ def frame_files(number: int, log_ns: int, products: Products, params: SurveyPara
     if "views" in wanted and len(products.surface.faces):
         files[f"{VIEWS}/{name}.html"] = lambda path: write_bytes(path, _view(number, products).encode())
     if "model" in wanted:
-        files[kept_name(name)] = lambda path: write_kept(path, products.kept)
+        files[kept_name(name)] = lambda path: write_kept(path, products.modelled)
     if "bag" in wanted:
         topics = params.chosen_topics
         files[f"{BAG_PARTS}/{name}.mcap"] = lambda path: _write_part(path, products, log_ns, topics)
@@ -79,7 +79,7 @@ def _view(number: int, products: Products) -> str:
     facts = [("time stamp", time_of(depth.stamp_ns)), ("density", f"{density:.0%}")]
     reliable = worst(products.findings) < Severity.UNRELIABLE
     clicks = clicks_section(
-        Clickable(products.kept, frame_name(number), products.rectified.quality.origin.depth_sigmas, reliable)
+        Clickable(products.modelled, frame_name(number), products.rectified.quality.origin.depth_sigmas, reliable)
     )
     return render_page(f"Frame {number}", Summary(facts=facts), [clicks], products.surface)
 
