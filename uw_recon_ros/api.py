@@ -14,6 +14,7 @@ from pathlib import Path
 import uw_recon_ros.calibrate  # noqa: F401  (the room, so that the name is one thing from the start)
 from uw_recon_ros.bags.reader import BagReader, open_bag
 from uw_recon_ros.match.stage import Match, MatchParams
+from uw_recon_ros.measure.on_model import ModelMeasurement
 from uw_recon_ros.measure.quantities import Measurement
 from uw_recon_ros.pairing import PAIR_TOLERANCE_MS
 from uw_recon_ros.pipeline import Pipeline, PipelineParams, Products, read_values
@@ -190,7 +191,7 @@ def measure(
     folder: str | Path, quantity: str, points: Sequence[tuple[float, float]], *, frame: str = "",
     plane: Sequence[tuple[float, float]] | None = None, click_px: float = 1.0,
 ) -> list[Measurement]:  # fmt: skip
-    """Measure in what `pair` or `survey` left, as ``uw_recon measure`` does.
+    """Measure in what `pair` or `survey` left, as ``uw_recon measure`` does; on a model with `measure_model`.
 
     Parameters
     ----------
@@ -218,6 +219,36 @@ def measure(
     opened = measure_files.open_frame(folder, frame)
     options = {"plane": plane, "click_px": click_px, "calibration": opened.calibration}
     return measure_files.measure(opened, quantity, points, **options)  # type: ignore[arg-type]
+
+
+def measure_model(
+    folder: str | Path, quantity: str, points: Sequence[tuple[float, float, float]], *,
+    plane: Sequence[tuple[float, float, float]] | None = None, click_m: float | None = None,
+) -> list[ModelMeasurement]:  # fmt: skip
+    """Measure on the model of a dive, as ``uw_recon measure`` and the model's page do.
+
+    Parameters
+    ----------
+    folder : path
+        ``model/`` of a survey, or one of its segments.
+    quantity : {'length', 'height'}
+    points : sequence of (x, y, z)
+        In the model's coordinate system, its origin included.
+    plane : sequence of (x, y, z) or None
+        For ``height``: corners of the plane to measure from.
+    click_m : float or None
+        Standard deviation of each coordinate of a point; None: a cell of the map.
+
+    Raises
+    ------
+    ReconError
+        It is no model to measure on, or there is no surface at a point.
+    ValueError
+        Too few points.
+    """
+    from uw_recon_ros import measure_files
+
+    return measure_files.measure_on(measure_files.open_model(folder), quantity, points, plane=plane, click=click_m)
 
 
 def read_parameters(path: str | Path) -> PipelineParams:

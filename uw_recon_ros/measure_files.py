@@ -1,7 +1,8 @@
-"""Measuring in what `pair` and `survey` left: the work of ``uw_recon measure``."""
+"""Measuring in what `pair` and `survey` left, and on the model of a dive: the work of ``uw_recon measure``."""
 
 from __future__ import annotations
 
+import base64
 import csv
 import io
 import json
@@ -18,6 +19,7 @@ from uw_recon_ros.files.atomic import finite, write_bytes, write_json
 from uw_recon_ros.files.disparities import read_disparity
 from uw_recon_ros.files.images import read_image
 from uw_recon_ros.findings import Code, Finding, Severity
+from uw_recon_ros.measure.on_model import ModelMeasurement, Spots, measure_off_plane, measure_way
 from uw_recon_ros.measure.quantities import (
     CalibrationError,
     Measurement,
@@ -28,10 +30,13 @@ from uw_recon_ros.measure.quantities import (
 )
 from uw_recon_ros.survey.kept_frame import KEPT, kept_name, read_kept
 from uw_recon_ros.survey.store import UNRELIABLE
+from uw_recon_ros.survey.tables import depth_sigmas
 from uw_recon_ros.trajectory import DisparityFrame
-from uw_recon_ros.types import StereoGeometry
+from uw_recon_ros.types import Matrix, StereoGeometry
 
 Points = Sequence[tuple[float, float]]
+Places = Sequence[tuple[float, float, float]]
+_MODEL, _SUMMARY = "measure.json", "model.json"
 _SAME_BASELINE = 0.02  # rigs whose baselines differ by more are not one
 _ASSUMED = "quasi-euclidean"  # rectified without a calibration: the focal length is assumed
 
@@ -94,15 +99,8 @@ def _of_survey(path: Path, name: str) -> Opened:
         raise ReconError(text, Code.MEASURE_INPUT)
     return Opened(
         name, read_kept(path / kept_name(name)), _told_of_frame(path / "frames.csv", name),
-        calibration=_of_rigs(path / "report.json"),
+        calibration=error_between(depth_sigmas(path / "report.json")),
     )  # fmt: skip
-
-
-def _of_rigs(report: Path) -> CalibrationError | None:
-    """What the calibration of a survey's rigs leaves unknown, where all have one."""
-    rigs = json.loads(report.read_text())["rigs"].values() if report.is_file() else ()
-    tables = {tuple(map(tuple, rig.get("calibration_depth_sigmas", ()))) for rig in rigs}
-    return error_between(tables.pop()) if len(tables) == 1 else None
 
 
 def _told_of_frame(table: Path, name: str) -> tuple[Finding, ...]:
@@ -266,6 +264,119 @@ def measure(
     return made[quantity]()
 
 
+@dataclass(frozen=True, eq=False)
+class OpenedModel:
+    """A model to measure on.
+
+    Parameters
+    ----------
+    name : str
+    spots : Spots
+    origin : (3,) float64
+        What points of `crs` have more than those of the model.
+    crs, unit : str
+    click : float
+        Standard deviation of a click where none is told: a cell of the map.
+    findings : tuple of Finding
+        What is to be known before its numbers are used.
+    """
+
+    name: str
+    spots: Spots
+    origin: Matrix
+    crs: str
+    unit: str
+    click: float
+    findings: tuple[Finding, ...] = ()
+
+
+def is_model(path: str | Path) -> bool:
+    """Whether a folder holds a model of a dive."""
+    return (Path(path) / _MODEL).is_file() or (Path(path) / _SUMMARY).is_file()
+
+
+def open_model(path: str | Path) -> OpenedModel:
+    """Open the ``model/`` of a survey, or one of its segments.
+
+    Raises
+    ------
+    ReconError
+        It was made without what is needed to measure.
+    """
+    place = Path(path)
+    try:
+        told = json.loads((place / _MODEL).read_text())
+    except (OSError, ValueError) as error:
+        text = (
+            f"{place}: expected a model with {_MODEL}, got none: make it anew with uw_recon model SURVEY --overwrite "
+            "(models of live nodes have none)"
+        )
+        raise ReconError(text, Code.MEASURE_INPUT) from error
+    rows = _numbers(told["spots"]).reshape(-1, 8)
+    side = 6 * len(told["centres"])
+    spots = Spots(
+        rows[:, :3], rows[:, 3], rows[:, 4:7], rows[:, 7], np.array(told["centres"], np.float64).reshape(-1, 3),
+        _numbers(told["covariance"]).reshape(side, side), [(a, b) for a, b in told["calibration"]], told["spacing"],
+    )  # fmt: skip
+    text = "metres are not earned" if told["unit"] != "m" else "the model is marked unreliable"
+    findings = () if told["reliable"] else (
+        Finding(Code.MEASURE_UNRELIABLE, text, Severity.UNRELIABLE, "see the red lines of its report.html"),
+    )  # fmt: skip
+    name = f"segment {told['segment']}"
+    return OpenedModel(name, spots, np.array(told["origin"]), told["crs"], told["unit"], told["click"], findings)
+
+
+def _numbers(text: str) -> Matrix:
+    return np.frombuffer(base64.b64decode(text), "<f4").astype(np.float64)
+
+
+def measure_on(
+    opened: OpenedModel, quantity: str, points: Places, *, plane: Places | None = None, click: float | None = None
+) -> list[ModelMeasurement]:
+    """Measure on a model; see `measure.on_model`.
+
+    Parameters
+    ----------
+    opened : OpenedModel
+    quantity : {'length', 'height'}
+    points : sequence of (x, y, z)
+        In the model's coordinate system, its origin included.
+    plane : sequence of (x, y, z) or None
+        For ``height``: corners of the plane to measure from.
+    click : float or None
+        Standard deviation of each coordinate of a point; None: a cell of the map.
+
+    Raises
+    ------
+    EstimationError
+        There is no surface there.
+    ValueError
+        Too few points, or a quantity that a model does not have.
+    """
+    at, sigma = np.array(points, np.float64) - opened.origin, opened.click if click is None else click
+    if quantity == "length":
+        return [measure_way(opened.spots, at, np.full(len(at), sigma))]
+    if quantity != "height" or plane is None:
+        raise ValueError("on a model: expected length, or height with the corners of a plane, got " + quantity)
+    corners = np.array(plane, np.float64) - opened.origin
+    return [measure_off_plane(opened.spots, p, corners, np.full(1 + len(corners), sigma)) for p in at]
+
+
+def model_rows(opened: OpenedModel, results: Sequence[ModelMeasurement]) -> list[dict[str, Any]]:
+    """Results as JSON holds them, each with the places it was measured between, in the model's coordinate system."""
+    return [
+        {
+            "model": opened.name, "crs": opened.crs, "quantity": r.quantity, "value": finite(r.value),
+            "sigma": finite(r.sigma), "unit": opened.unit, "sigma_surface": finite(r.sigma_surface),
+            "sigma_trajectory": finite(r.sigma_trajectory), "sigma_calibration": finite(r.sigma_calibration),
+            "sigma_click": finite(r.sigma_click), "distance": finite(r.distance), "clicks": list(r.clicks),
+            "points": [[float(x) for x in np.array(point) + opened.origin] for point in r.points],
+            "reliable": all(f.severity < Severity.UNRELIABLE for f in opened.findings),
+        }
+        for r in results
+    ]  # fmt: skip
+
+
 def rows_of(opened: Opened, results: Sequence[Measurement]) -> list[dict[str, Any]]:
     """Results as JSON holds them, each with its frame and pixels."""
     return [
@@ -289,5 +400,12 @@ def write_rows(path: str | Path, rows: Sequence[dict[str, Any]]) -> None:
     text = io.StringIO()
     table = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
     table.writeheader()
-    table.writerows({**row, "pixels": " ".join(f"{u:g},{v:g}" for u, v in row["pixels"])} for row in rows)
+    table.writerows({name: _cell(value) for name, value in row.items()} for row in rows)
     write_bytes(path, text.getvalue().encode())
+
+
+def _cell(value: Any) -> Any:
+    """Lists of a row in one cell: points apart by blanks, their coordinates by commas."""
+    if not isinstance(value, list):
+        return value
+    return " ".join(",".join(f"{x:.12g}" for x in (part if isinstance(part, list) else [part])) for part in value)

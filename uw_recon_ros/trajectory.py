@@ -122,6 +122,22 @@ class Trajectory:
 
 
 @dataclass(frozen=True, eq=False)
+class JointCovariance:
+    """How the errors of some poses hang together.
+
+    Parameters
+    ----------
+    index : (C,) int64
+        Numbers of poses, increasing.
+    matrix : (6C, 6C) float64
+        Of their twists on the right, pose by pose.
+    """
+
+    index: NDArray[np.int64]
+    matrix: Matrix
+
+
+@dataclass(frozen=True, eq=False)
 class VehicleState:
     """Where the vehicle is and how it moves, as ROS tells it (REP 103, REP 105).
 

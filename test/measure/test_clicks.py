@@ -158,8 +158,8 @@ function click(root, view) {
   document.body.dataset.refused = root.querySelector(".asks").textContent;
   tap(280, 230); press("next"); tap(150, 110);
   kind("area"); tap(60, 100); tap(250, 130); tap(200, 60); tap(90, 60); press("undo");
-  document.body.dataset.csv = view.csv();
-  document.body.dataset.json = view.json();
+  document.body.dataset.csv = view.clicks.csv();
+  document.body.dataset.json = view.clicks.json();
 }
 const root = document.querySelector(".measure");
 if (root.view) click(root, root.view);

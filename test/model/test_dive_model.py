@@ -19,6 +19,7 @@ from uw_recon_ros.cli import main
 from uw_recon_ros.errors import ModelError
 from uw_recon_ros.files.trajectories import read_tum, write_tum
 from uw_recon_ros.findings import Code
+from uw_recon_ros.measure_files import measure_on, open_model
 from uw_recon_ros.model import maps
 from uw_recon_ros.model.build import ModelRequest, build_model
 from uw_recon_ros.model.evaluate import distances, evaluate_model
@@ -35,8 +36,8 @@ PARAMS = """/**:
     max_disparity: 40
 """
 QUICK = {"texture_faces": 500, "texture_px": 256}
-FILES = {"cloud.ply", "elevation.tif", "mesh.glb", "mesh.ply", "model.json", "orthomosaic.tif", "report.html",
-         "trajectory.csv", "trajectory.txt"}  # fmt: skip
+FILES = {"cloud.ply", "elevation.tif", "measure.json", "mesh.glb", "mesh.ply", "model.json", "orthomosaic.tif",
+         "report.html", "trajectory.csv", "trajectory.txt"}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -122,6 +123,40 @@ def test_the_pages_show_the_model_first(dive: Path, made: Path) -> None:
     assert "not known to be north" in page
     assert html.unescape(report.split('srcdoc="')[1].split('"')[0]) == page
     assert report.index("<iframe") < report.index("frames reconstructed")
+
+
+def test_lengths_on_the_model_are_the_truths_within_their_sigma(dive: Path, made: Path) -> None:
+    """Of places of the true ground that some pixels of the true views show, found where the model has these pixels."""
+    opened, rng = open_model(made), np.random.default_rng(4)
+    true, own = read_tum(dive / "truth" / "trajectory.txt"), read_tum(made / "trajectory.txt")
+    surface = trimesh.load(dive / "truth" / "surface.ply", process=False)
+    mesh = trimesh.load(made / "mesh.ply", process=False)
+    errors = []
+    for _ in range(20):
+        ends = []
+        for _ in range(2):
+            k, ray = rng.integers(FRAMES), np.array([*rng.uniform(-0.25, 0.25, 2), 1.0])
+            ends.append([seen(way.poses[k], ray, m) for way, m in ((true, surface), (own, mesh))])
+        at = np.array(ends)
+        if np.isfinite(at).all() and (length := np.linalg.norm(at[0, 0] - at[1, 0])) > 0.1:
+            (found,) = measure_on(opened, "length", at[:, 1].tolist(), click=0.0)
+            errors.append((found.value - length) / found.sigma)
+    assert len(errors) > 8
+    assert np.sqrt(np.mean(np.square(errors))) < 3
+
+
+def seen(pose: np.ndarray, ray: np.ndarray, mesh: Any) -> np.ndarray:
+    """(3,) where a ray of a camera meets a mesh first; NaN: nowhere."""
+    eye, way = pose[:3, 3], pose[:3, :3] @ ray
+    a, b, c = np.moveaxis(np.asarray(mesh.triangles, np.float64), 1, 0)
+    across = np.cross(way, c - a)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        whole = ((b - a) * across).sum(axis=1)
+        u = ((eye - a) * across).sum(axis=1) / whole
+        other = np.cross(eye - a, b - a)
+        v, t = (other @ way) / whole, ((c - a) * other).sum(axis=1) / whole
+    hit = (u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0)
+    return eye + t[hit].min() * way if hit.any() else np.full(3, np.nan)
 
 
 def test_a_track_is_cut_where_the_way_of_knowing_it_changes() -> None:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import SuperLU, splu
 
 from uw_recon_ros import rigid
+from uw_recon_ros.trajectory import JointCovariance
 from uw_recon_ros.types import Matrix
 
 _ROUNDS = 30
@@ -83,6 +84,8 @@ class Solved:
     anchor_squares : (A,) float64
         chi2 of each anchor.
     rounds : int
+    joint : JointCovariance or None
+        At about 100 poses; None where it was not asked for.
     """
 
     poses: Matrix
@@ -90,6 +93,7 @@ class Solved:
     squares: Matrix
     anchor_squares: Matrix
     rounds: int
+    joint: JointCovariance | None = None
 
 
 def residuals(poses: Matrix, edges: Edges) -> Matrix:
@@ -234,22 +238,28 @@ def solve_graph(
             break
     squares = _squares(residuals(poses, edges), information)
     anchor_squares = _squares(_anchor_terms(poses, known)[0], known.information)
-    return Solved(poses, _covariances(factor if final else None, len(poses)), squares, anchor_squares, done)
+    joint = _joint(factor, len(poses)) if final and factor is not None else None
+    return Solved(poses, _covariances(joint, len(poses)), squares, anchor_squares, done, joint)
 
 
-def _covariances(factor: SuperLU | None, count: int) -> Matrix:
-    if factor is None:
-        return np.full((count, 6, 6), np.nan)
-    chosen = np.unique(np.linspace(0, count - 1, min(count, _COVARIANCES)).round().astype(int))
-    found = np.empty((len(chosen), 6, 6))
-    for first in range(0, len(chosen), _AT_ONCE):
-        places = (6 * chosen[first : first + _AT_ONCE, None] + np.arange(6)).ravel()
+def _joint(factor: SuperLU, count: int) -> JointCovariance:
+    chosen = np.unique(np.linspace(0, count - 1, min(count, _COVARIANCES)).round().astype(np.int64))
+    rows = (6 * chosen[:, None] + np.arange(6)).ravel()
+    found = np.empty((len(rows), len(rows)))
+    for first in range(0, len(rows), 6 * _AT_ONCE):
+        places = rows[first : first + 6 * _AT_ONCE]
         unit = np.zeros((6 * count, len(places)), order="F")
         unit[places, np.arange(len(places))] = 1.0
-        solved = factor.solve(unit)[places]
-        for k in range(0, len(places), 6):
-            block = solved[k : k + 6, k : k + 6]
-            found[first + k // 6] = (block + block.T) / 2
+        found[:, first : first + len(places)] = factor.solve(unit)[rows]
+    return JointCovariance(chosen, (found + found.T) / 2)
+
+
+def _covariances(joint: JointCovariance | None, count: int) -> Matrix:
+    if joint is None:
+        return np.full((count, 6, 6), np.nan)
+    chosen = joint.index
+    each = np.arange(len(chosen))
+    found = joint.matrix.reshape(len(chosen), 6, len(chosen), 6)[each, :, each]
     after = np.searchsorted(chosen, np.arange(count)).clip(0, len(chosen) - 1)
     before = np.maximum(after - 1, 0)
     width = np.maximum(chosen[after] - chosen[before], 1)

@@ -23,7 +23,7 @@ from uw_recon_ros.locate.visual_odometry import KeypointShelf, Link, VisualOdome
 from uw_recon_ros.track.keypoints import RigError
 from uw_recon_ros.track.params import TrackParams
 from uw_recon_ros.track.relate import is_ambiguous, relate, repeats_itself
-from uw_recon_ros.trajectory import DisparityFrame, PoseStatus, Trajectory
+from uw_recon_ros.trajectory import DisparityFrame, JointCovariance, PoseStatus, Trajectory
 from uw_recon_ros.types import Matrix, StereoGeometry
 
 _LOOP_CHI2 = 40.0  # of 6; a loop farther from the graph than this is dropped
@@ -50,6 +50,8 @@ class Located:
         The told rig's error.
     applied : RigError
         The part of it that was corrected: the same correction belongs to every depth that is fused.
+    joint : JointCovariance or None
+        How the errors of some poses hang together; numbers of frames.
     """
 
     trajectory: Trajectory
@@ -58,6 +60,7 @@ class Located:
     links: tuple[Link, ...] = ()
     rig: RigFinding | None = None
     applied: RigError = RigError()  # noqa: RUF009
+    joint: JointCovariance | None = None
 
 
 def estimate_trajectory(
@@ -117,7 +120,7 @@ def estimate_trajectory(
         found += tuple(_span_findings(known, given, poses))
     numbers = _statistics(walk, trajectory, kept, len(tried), len(links) - len(kept), solved)
     numbers["priors"] = {p.name: len(squares) for p, squares in zip(known, missed, strict=True)}
-    return Located(trajectory, found, numbers, tuple(kept), rig, applied)
+    return Located(trajectory, found, numbers, tuple(kept), rig, applied, solved.joint)
 
 
 def _walked(

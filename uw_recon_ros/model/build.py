@@ -21,13 +21,16 @@ from uw_recon_ros.locate.estimate import Located, estimate_trajectory
 from uw_recon_ros.locate.priors import priors_from_trajectory
 from uw_recon_ros.model.compose import Composed, compose
 from uw_recon_ros.model.external_poses import Outside, read_outside
+from uw_recon_ros.model.files import notes_of
 from uw_recon_ros.model.kept_frames import KeptFrames
 from uw_recon_ros.model.keypoint_file import KeypointFile
+from uw_recon_ros.model.measurable import MEASURE, measurable
 from uw_recon_ros.model.page import SegmentPart, write_model_page
 from uw_recon_ros.model.params import DiveModelParams
 from uw_recon_ros.model.work import TileTask, World
 from uw_recon_ros.survey.plan import versions
 from uw_recon_ros.survey.report import MODEL, PAGE, show_model
+from uw_recon_ros.survey.tables import depth_sigmas
 from uw_recon_ros.system_errors import explain
 from uw_recon_ros.trajectory import PoseStatus, Trajectory
 from uw_recon_ros.types import Matrix
@@ -38,7 +41,7 @@ _HALVES = slice(0, 3), slice(3, 6)  # of a covariance: position, rotation
 _LEAST_SIGMA = 1e-3  # m, rad: nobody is surer
 _PRODUCTS = (
     "trajectory.txt", "trajectory.csv", "mesh.ply", "mesh.glb", "cloud.ply", "cloud.laz", "orthomosaic.tif",
-    "elevation.tif", "area.tif", "slope.tif", "rugosity.tif", "tileset.json", "tiles/*.glb", PAGE,
+    "elevation.tif", "area.tif", "slope.tif", "rugosity.tif", "tileset.json", "tiles/*.glb", MEASURE, PAGE,
 )  # fmt: skip
 Tell = Callable[[str], None]
 
@@ -165,13 +168,30 @@ def _written(
         composed = _segment(folder, shelf, located, part, request.params, world, tell)
         findings += () if composed is None else composed.findings
         name = {"segment": number, "folder": folder.relative_to(place).as_posix()}
-        parts_made.append(SegmentPart(name | _entry(composed, len(part)), composed))
+        clicks = None if composed is None else _measurable(composed, located, part, request, world, name)
+        parts_made.append(SegmentPart(name | _entry(composed, len(part)), composed, clicks))
     models = [part.entry for part in parts_made]
     made = _summary(shelf, located, models, tuple(dict.fromkeys(findings)), request, world)
+    for part_made in parts_made:
+        if part_made.measurable is not None:
+            part_made.measurable["reliable"] = made["reliable"]
+            write_json(place / part_made.entry["folder"] / MEASURE, part_made.measurable, durable=False)
     write_model_page(place / PAGE, way, parts_made, made)
     show_model(request.survey)
     write_json(place / SUMMARY, made, durable=False)
     return made
+
+
+def _measurable(
+    composed: Composed, located: Located, part: NDArray[np.intp], request: ModelRequest, world: World,
+    name: dict[str, Any],
+) -> dict[str, Any]:  # fmt: skip
+    """What lengths on a segment's surface are measured with."""
+    way = located.trajectory
+    told = {"segment": name["segment"], **notes_of(world), "click": composed.statistics["orthomosaic_cell"]}
+    sigmas = depth_sigmas(Path(request.survey) / "report.json") if world.metric else ()
+    shown = composed.shown
+    return measurable(shown.surface.vertices, shown.sigma, way.poses, part, located.joint, sigmas, told)
 
 
 def _clear(place: Path) -> None:

@@ -16,7 +16,7 @@ from uw_recon_ros.findings import Severity
 from uw_recon_ros.model.compose import Composed
 from uw_recon_ros.model.maps import Overview
 from uw_recon_ros.report.colors import ColorBar, colorize, robust_limits
-from uw_recon_ros.report.content import Layer, Map, MapLayer, Overlay, Section, Summary, Track
+from uw_recon_ros.report.content import Layer, Map, MapLayer, Measured, Overlay, Section, Summary, Track
 from uw_recon_ros.report.page import write_page
 from uw_recon_ros.trajectory import PoseStatus, Trajectory
 from uw_recon_ros.types import ByteImage, FloatImage
@@ -34,10 +34,14 @@ _STATUS = {
 
 @dataclass(frozen=True, eq=False)
 class SegmentPart:
-    """One segment's model: its entry in ``model.json`` and what `compose` left; None where there is no surface."""
+    """One segment's model: its entry in ``model.json``, what `compose` left, and what ``measure.json`` holds.
+
+    The last two are None where there is no surface.
+    """
 
     entry: dict[str, Any]
     composed: Composed | None
+    measurable: dict[str, Any] | None = None
 
 
 def write_model_page(path: Path, way: Trajectory, parts: Sequence[SegmentPart], made: dict[str, Any]) -> None:
@@ -126,8 +130,26 @@ def _sections(part: SegmentPart, way: Trajectory, up: str, *, alone: bool) -> It
         "The line is the left camera's trajectory. Sigma shows the surface's standard deviation, Views how many "
         "frames saw it."
     )
-    yield Section(f"Surface{name}", text, surface=shown.surface, overlay=overlay)
-    yield Section(f"Map{name}", "", map=map_of(composed.overview, unit, up))
+    ruler = f"ruler-{part.entry['segment']}" if part.measurable is not None else ""
+    yield Section(f"Surface{name}", text, surface=shown.surface, overlay=overlay, ruler=ruler)
+    if part.measurable is not None:
+        yield Section(f"Measured{name}", _how_to_measure(part.measurable), measured=Measured(ruler, part.measurable))
+    yield Section(f"Map{name}", "", map=map_of(composed.overview, unit, up), ruler=ruler)
+
+
+def _how_to_measure(told: dict[str, Any]) -> str:
+    """Where to click, and what the numbers are worth."""
+    earned = "" if told["unit"] == "m" else "Metres are not earned: the scale is unknown, lengths are in baselines. "
+    known = (
+        "by the calibration. "
+        if told["calibration"]
+        else "and not by the calibration, whose uncertainty is not known: give calibration.json of uw_recon calibrate. "
+    )
+    return (
+        f"Press Measure and click in the view above, or click in the map below. {earned}"
+        "Each result has its standard deviation: by the surface's depths, by the trajectory between the places, by how "
+        f"well clicks hit, {known}The numbers are those of uw_recon measure on the folder of this page."
+    )
 
 
 def _up(made: dict[str, Any]) -> str:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -179,6 +180,22 @@ class Clickable:
         return bool(np.isfinite(self.frame.disparity).any()) and self.frame.disparity.size <= LARGEST_CLICKABLE
 
 
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """A table of what is measured by clicks in a model's 3-D view and map, as ``uw_recon measure`` does.
+
+    Parameters
+    ----------
+    name : str
+        By which sections with a view or a map call it their `ruler`; unique on a page.
+    told : mapping
+        What ``measure.json`` of the model holds.
+    """
+
+    name: str
+    told: Mapping[str, Any]
+
+
 def clicks_section(clickable: Clickable) -> Section:
     """A section in which people measure."""
     text = (
@@ -207,6 +224,9 @@ class Section:
         What the view shows beside it.
     map : Map or None
     clickable : Clickable or None
+    measured : Measured or None
+    ruler : str
+        Name of the `Measured` that clicks in the view and the map of this section go to; empty: none.
     """
 
     title: str = ""
@@ -218,6 +238,8 @@ class Section:
     overlay: Overlay = Overlay()
     map: Map | None = None
     clickable: Clickable | None = None
+    measured: Measured | None = None
+    ruler: str = ""
 
     @property
     def has_view(self) -> bool:

@@ -14,6 +14,8 @@
     constructor(root, data) {
       super(root, data.width, data.height, 24);
       Object.assign(this, { data, marks: [], mode: 0 });
+      this.ruler = document.getElementById(root.dataset.ruler)?.ruler;
+      this.ruler?.join(this);
       this.layers = data.layers.map(uri => this.picture(uri));
       this.root.querySelectorAll("[data-act]").forEach(button => {
         button.addEventListener("click", () => this.act(button.dataset.act));
@@ -24,7 +26,7 @@
     render() {
       this.clear(this.layers[this.mode]);
       this.scale();
-      this.ruler();
+      this.lines().forEach(line => this.outline(line));
     }
 
     scale() {
@@ -36,14 +38,25 @@
       this.write(`${round(length)} ${this.data.unit}`, right, y - 11, "right", this.ink, this.paper, "12px system-ui, sans-serif");
     }
 
-    ruler() {
-      const places = this.marks.map(([east, north]) => this.place(east, north));
-      if (places.length === 2) { this.stroke(places, "#fff", 4); this.stroke(places, RULER, 2); }
-      this.dots(places, RULER);
-      if (places.length < 2) return;
-      const [[e1, n1], [e2, n2]] = this.marks, x = (places[0][0] + places[1][0]) / 2, y = (places[0][1] + places[1][1]) / 2;
-      const length = `${round(Math.hypot(e2 - e1, n2 - n1))} ${this.data.unit}`;
-      this.label(length, x, y - 10);
+    // What is measured: by the page's ruler where it has one, else between two clicks on the level.
+    lines() {
+      if (this.ruler) {
+        const [east, north] = this.ruler.model.origin;
+        return this.ruler.clicks.lines.map(line => ({ ...line, points: line.points.map(([x, y]) => [x + east, y + north]) }));
+      }
+      const [[e1, n1], [e2, n2]] = this.marks.length === 2 ? this.marks : [[0, 0], [0, 0]];
+      const label = this.marks.length === 2 ? `${round(Math.hypot(e2 - e1, n2 - n1))} ${this.data.unit}` : "";
+      return [{ points: this.marks, color: RULER, closed: false, label }];
+    }
+
+    outline({ points, color, closed, label }) {
+      const places = points.map(([east, north]) => this.place(east, north));
+      const way = closed && places.length > 2 ? [...places, places[0]] : places;
+      if (way.length > 1) { this.stroke(way, "#fff", 4); this.stroke(way, color, 2); }
+      this.dots(places, color);
+      if (!label) return;
+      const [x, y] = [0, 1].map(k => places.reduce((total, place) => total + place[k], 0) / places.length);
+      this.label(label, x, y - 10);
     }
 
     // Between the map's coordinates and the screen's.
@@ -58,6 +71,7 @@
     }
 
     click(event) {
+      if (this.ruler) { this.ruler.addBelow(...this.at(event), this.data.pixel / this.zoom); return; }
       this.marks = this.marks.length === 2 ? [this.at(event)] : [...this.marks, this.at(event)];
       this.draw();
     }

@@ -397,5 +397,5 @@ globalThis.uwMeasure = (() => {
     };
   }
 
-  return { opened, measure, rowOf };
+  return { opened, measure, rowOf, flattest };
 })();

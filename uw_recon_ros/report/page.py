@@ -8,10 +8,12 @@ from pathlib import Path
 from uw_recon_ros.files.atomic import write_bytes
 from uw_recon_ros.report.content import Clickable, Figure, Section, Summary
 from uw_recon_ros.report.shell import (
+    CLICK_SCRIPTS,
     MAP_SCRIPTS,
     MEASURE_SCRIPTS,
     PAGE_SCRIPTS,
     PLATE_SCRIPTS,
+    RULER_SCRIPTS,
     VIEW_SCRIPTS,
     render,
 )
@@ -53,8 +55,11 @@ def render_page(title: str, summary: Summary, sections: Sequence[Section], surfa
     everything = [opening, *sections] if opening.has_view else list(sections)
     with_map = any(section.map is not None for section in everything)
     with_clicks = any(section.clickable is not None and section.clickable.shown for section in everything)
+    with_ruler = any(section.measured is not None for section in everything)
     scripts = (
-        *PAGE_SCRIPTS, *(VIEW_SCRIPTS if any(section.has_view for section in everything) else ()),
+        *PAGE_SCRIPTS, *(CLICK_SCRIPTS if with_clicks or with_ruler else ()),
+        *(RULER_SCRIPTS if with_ruler else ()),
+        *(VIEW_SCRIPTS if any(section.has_view for section in everything) else ()),
         *(PLATE_SCRIPTS if with_map or with_clicks else ()), *(MAP_SCRIPTS if with_map else ()),
         *(MEASURE_SCRIPTS if with_clicks else ()),
     )  # fmt: skip

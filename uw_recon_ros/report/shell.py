@@ -27,7 +27,9 @@ VIEW_SCRIPTS = tuple(
 )
 PLATE_SCRIPTS = ("report/plate.js",)
 MAP_SCRIPTS = ("report/map.js",)
-MEASURE_SCRIPTS = ("report/measure_numbers.js", "report/measure.js")
+CLICK_SCRIPTS = ("report/measure_numbers.js", "report/clicks.js")
+MEASURE_SCRIPTS = ("report/measure.js",)
+RULER_SCRIPTS = ("report/measure_model.js", "report/ruler.js")
 
 
 @cache

@@ -13,6 +13,8 @@
       this.overlay = root.querySelector("canvas.overlay");
       this.readout = root.querySelector(".readout");
       this.mesh = decode(data);
+      this.ruler = document.getElementById(root.dataset.ruler)?.ruler;
+      this.ruler?.join(this, this.mesh);
       this.camera = new globalThis.uwCamera(this.mesh, data.tracks.length ? 1.18 : 1.02); // tracks go beyond the surface
       this.turn = data.turn;
       this.tracks = data.tracks.map(track => globalThis.uwMesh.line(track, data.turn));
@@ -50,8 +52,16 @@
 
     render() {
       this.painter.paint(this.camera.matrices(), this.mode, this.wire);
-      this.notes.draw(this.camera, this.marks, this.ratio, this.tracking ? this.tracks : []);
+      this.notes.draw(this.camera, this.ruler ? this.measured() : this.notes.lines(this.marks), this.ratio, this.tracking ? this.tracks : []);
     }
+
+    // What the ruler holds, in the axes of this view.
+    measured() {
+      return this.ruler.clicks.lines.map(line => ({ ...line, points: line.points.map(point => this.turned(point)) }));
+    }
+
+    // Between the surface's own frame and this view's.
+    turned(point) { return [0, 1, 2].map(k => this.turn[k] * point[k]); }
 
     // The point of the surface under the pointer, or null.
     pick(event) {
@@ -111,7 +121,8 @@
     }
 
     mark(point) {
-      if (point) this.marks = this.marks.length === 2 ? [point] : [...this.marks, point];
+      if (point && this.ruler) this.ruler.add(this.turned(point), this.camera.perPixelAt(point));
+      else if (point) this.marks = this.marks.length === 2 ? [point] : [...this.marks, point];
       this.draw();
     }
 

@@ -17,6 +17,11 @@ globalThis.uwCamera = (() => {
     // World units a screen pixel at the target.
     get perPixel() { return 2 * this.distance * SLOPE / this.height; }
 
+    // World units a screen pixel at a point.
+    perPixelAt(point) {
+      return this.perPixel * dot(subtract(this.eye(), point), this.axes().back) / this.distance;
+    }
+
     // Look from beside the left camera's place at the middle of the surface, so that nearly all of it is in view.
     home() {
       const { positions: p, n } = this.mesh, every = pick => Array.from({ length: n }, (_, i) => pick(3 * i));

@@ -17,7 +17,7 @@ globalThis.uwNotes = (() => {
       Object.assign(this, { canvas, unit, turn, pen: canvas.getContext("2d") });
     }
 
-    draw(camera, marks, ratio, tracks) {
+    draw(camera, lines, ratio, tracks) {
       const style = getComputedStyle(this.canvas), color = name => style.getPropertyValue(name).trim();
       Object.assign(this, { ink: color("--ink"), paper: color("--view") });
       this.pen.setTransform(ratio, 0, 0, ratio, 0, 0);
@@ -26,7 +26,7 @@ globalThis.uwNotes = (() => {
       for (const track of tracks) this.track(camera, track);
       this.scale(camera);
       this.axes(camera.axes());
-      this.marks(marks.map(mark => camera.project(mark)), marks);
+      for (const line of lines) this.line(camera, line);
     }
 
     stroke(places, color, width) {
@@ -72,14 +72,21 @@ globalThis.uwNotes = (() => {
       }
     }
 
-    marks(places, points) {
-      if (places.length === 2) this.stroke(places, "#ff8c1a", 2);
-      this.pen.fillStyle = "#ff8c1a";
+    // The ends of a length, and the length.
+    lines(points) {
+      const length = points.length === 2 ? `${number(Math.hypot(...subtract(points[0], points[1])))} ${this.unit}` : "";
+      return [{ points, color: "#ff8c1a", closed: false, label: length }];
+    }
+
+    // What is measured.
+    line(camera, { points, color, closed, label }) {
+      const places = points.filter(point => camera.sees(point)).map(point => camera.project(point));
+      if (places.length > 1) this.stroke(closed && places.length > 2 ? [...places, places[0]] : places, color, 2);
+      this.pen.fillStyle = color;
       for (const [x, y] of places) { this.pen.beginPath(); this.pen.arc(x, y, 4.5, 0, 7); this.pen.fill(); }
-      if (places.length < 2) return;
-      const x = (places[0][0] + places[1][0]) / 2, y = (places[0][1] + places[1][1]) / 2 - 10;
-      const length = Math.hypot(...subtract(points[0], points[1]));
-      this.write(`${number(length)} ${this.unit}`, x, y, "center", "#fff", "#7a3d00", "600 14px system-ui, sans-serif");
+      if (!label || !places.length) return;
+      const [x, y] = [0, 1].map(k => places.reduce((total, place) => total + place[k], 0) / places.length);
+      this.write(label, x, y - 10, "center", "#fff", "#7a3d00", "600 14px system-ui, sans-serif");
     }
   }
 

@@ -18,17 +18,21 @@ from markupsafe import Markup
 from uw_recon_ros.files.atomic import write_bytes
 from uw_recon_ros.report.content import Summary
 from uw_recon_ros.report.shell import (
+    CLICK_SCRIPTS,
     MAP_SCRIPTS,
     MEASURE_SCRIPTS,
     PAGE_SCRIPTS,
     PAGE_STYLES,
     PLATE_SCRIPTS,
+    RULER_SCRIPTS,
     VIEW_SCRIPTS,
     render,
 )
 from uw_recon_ros.survey.charts import LEFT, RIGHT, Line, chart
 from uw_recon_ros.survey.store import PREVIEWS, UNRELIABLE, VIEWS, Row, Store, frame_name, succeeded
 from uw_recon_ros.survey.tables import failures
+
+_FRAMED = CLICK_SCRIPTS + RULER_SCRIPTS + VIEW_SCRIPTS + PLATE_SCRIPTS + MAP_SCRIPTS + MEASURE_SCRIPTS
 
 MODEL, PAGE = "model", "report.html"  # where the model of a survey, and its page, are
 _ON_SHEET = 96
@@ -79,7 +83,7 @@ def render_report(store: Store, rows: list[Row], made: dict[str, Any]) -> str:
     return render(
         "survey/report.html",
         styles=(*PAGE_STYLES, "survey/survey.css"), scripts=(*PAGE_SCRIPTS, "survey/survey.js"),
-        framed=VIEW_SCRIPTS + PLATE_SCRIPTS + MAP_SCRIPTS + MEASURE_SCRIPTS, frames=True,
+        framed=_FRAMED, frames=True,
         title="Survey of " + ", ".join(made["input"]),
         summary=_summary(made, rows, ok), model=_model(store),
         chosen=_chosen(store, rows, ok, seconds, made, stamped=stamped), has_views=any(map(_has_view, ok)),

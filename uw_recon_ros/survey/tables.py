@@ -8,9 +8,11 @@ from __future__ import annotations
 import csv
 import hashlib
 import io
+import json
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -173,3 +175,15 @@ def _rig(found: Rectification) -> dict[str, Any]:
         "width": found.width,
         "height": found.height,
     }
+
+
+def depth_sigmas(report: Path) -> tuple[tuple[float, float], ...]:
+    """What the calibration of a finished survey's rigs leaves unknown of depth: rows of range, m, and fraction.
+
+    Empty where it is not known, or not the same of all rigs.
+    """
+    if not report.is_file():
+        return ()
+    rigs = json.loads(report.read_text())["rigs"].values()
+    tables = {tuple((float(a), float(b)) for a, b in rig.get("calibration_depth_sigmas", ())) for rig in rigs}
+    return tables.pop() if len(tables) == 1 else ()
