@@ -9,7 +9,8 @@ and the veil of open water seems textured. Two things together tell it from a su
   agree about. A blank wall is faint too, but of one piece. The smoother the noise, the larger the pieces that chance
   makes.
 
-Where much of the surroundings is such water, being of many pieces is enough: particles drift in it.
+Where much of the surroundings is such water, being of many pieces is enough: particles drift in it. What goes on from
+it beside and behind things is of one piece, theirs: `water_behind` tells it.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import numpy as np
 from uw_recon_ros.masks import share_around
 from uw_recon_ros.match.planes.gray import some
 from uw_recon_ros.match.planes.texture import WINDOW, Texture, derivative, grown_from, local_variance
+from uw_recon_ros.match.planes.water_behind import water_behind
 from uw_recon_ros.types import FloatImage, Mask
 
 FAINT = 10.0, 20.0  #: times the unexplained, and somewhere in a patch; more is texture
@@ -64,13 +66,18 @@ def open_water(texture: Texture, start: FloatImage, agreed: Mask) -> OpenWater:
     """
     if texture.smaller_side < AROUND:
         return OpenWater(*np.zeros((2, *start.shape), np.bool_))
-    noise = _noise(texture, start)
+    theirs = _laid_on(derivative(texture.views[1]), start)
+    noise = _noise(texture, theirs)
     enough = np.interp(noise / texture.floor, SMOOTH, OF_ONE_PIECE)
     scattered = _share_of_one_piece(start, agreed) < enough
     faint = ~grown_from(texture.variance / np.float32(noise), *FAINT)
     water = scattered & faint
     for _ in range(ROUNDS if water.any() else 0):
         water |= scattered & (share_around(water, REACH) > MURKY)
+    if water.any():
+        behind = water_behind(texture.views[0], texture.slope, theirs, start, noise, water)
+        water |= behind
+        faint |= behind
     return OpenWater(water, faint)
 
 
@@ -86,14 +93,16 @@ def _share_of_one_piece(start: FloatImage, agreed: Mask) -> FloatImage:
     return np.asarray(cv2.resize(share_around(near, side, cv2.BORDER_REFLECT_101), (width, height)), np.float32)
 
 
-def _noise(texture: Texture, start: FloatImage) -> float:
-    """What of the derivative's variance is unexplained by the other view, where the variance is least."""
+def _laid_on(right: FloatImage, start: FloatImage) -> FloatImage:
+    """A right view as the left one would see it."""
     height, width = start.shape
     u, v = np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32)
-    right = derivative(texture.views[1])
-    theirs = cv2.remap(
-        right, u - start, np.repeat(v[:, None], width, 1), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-    )
+    there = u - start, np.repeat(v[:, None], width, 1)
+    return np.asarray(cv2.remap(right, *there, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32)
+
+
+def _noise(texture: Texture, theirs: FloatImage) -> float:
+    """What of the derivative's variance is unexplained by the other view, where the variance is least."""
     unexplained = some(local_variance(np.asarray(texture.slope - theirs, np.float32))) / 2
     variance = some(texture.variance)
     least = variance <= np.quantile(variance, LEAST)

@@ -72,7 +72,7 @@ class Texture:
     @cached_property
     def floor(self) -> float:
         """Variance of `derivative` that the white noise of the noisier view makes."""
-        return max(noise_sigma(view) for view in self.views) ** 2 * _noise_of_derivative()
+        return max(noise_sigma(view) for view in self.views) ** 2 * noise_of_derivative()
 
 
 def untextured_mask(texture: Texture) -> Mask:
@@ -147,7 +147,7 @@ def _window_sums(image: FloatImage) -> FloatImage:
     return np.asarray(sums, np.float32)
 
 
-def _noise_of_derivative() -> float:
+def noise_of_derivative() -> float:
     """Mean square of the derivative of noise of unit variance: that of the filter's weights."""
     weights = _gaussian()
     along = np.convolve(weights, [0.5, 0, -0.5])
