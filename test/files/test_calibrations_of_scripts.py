@@ -181,3 +181,18 @@ def test_forms_that_are_not_read_are_named(tmp_path: Path, name: str, content: s
 def test_written_forms_still_stand_for_themselves(tmp_path: Path) -> None:
     write_calibration(RIG, tmp_path / "rig.npz", "viame")
     same(read_calibration(tmp_path / "rig.npz", SIZE))
+
+
+def test_a_matrix_and_coefficients_under_each_others_names(tmp_path: Path) -> None:
+    np.savez(tmp_path / "rig.npz", K1=D[0], D1=K[0], K2=D[1], D2=K[1], R=R, T=T, image_size=SIZE)
+    with pytest.raises(CalibrationError, match="got them exchanged"):
+        read_calibration(tmp_path / "rig.npz")
+
+
+def test_a_baseline_longer_than_rigs_have_is_warned_of(tmp_path: Path) -> None:
+    for factor, warned in ((1.0, False), (33.0, True)):
+        np.savez(tmp_path / "rig.npz", K1=K[0], D1=D[0], K2=K[1], D2=D[1], R=R, T=factor * T, image_size=SIZE)
+        judged = judge_calibration(read_calibration(tmp_path / "rig.npz"))
+        assert judged.refusal is None
+        codes = [finding.code for finding in judged.findings]
+        assert (Code.CALIBRATION_BASELINE_IMPLAUSIBLE in codes) is warned

@@ -14,6 +14,7 @@ from uw_recon_ros.types import Axis, CameraModel, DepthMap, Matrix, StereoCalibr
 #: What a rig's baseline can be, m: camera modules do not stand closer, no vehicle carries a longer bar. Millimetres
 #: taken for metres (60 m) and P[3] in metres instead of px m (0.2 mm) both lie far outside.
 BASELINE_RANGE_M = (0.005, 5.0)
+LONG_BASELINE_M = 2.0  #: beyond it a rig can be, yet hardly one is: a unit that was mistaken is more likely
 #: Median depth over baseline. Nearer than 1, views hardly overlap; farther than 2000, disparities are under a pixel.
 DEPTH_RANGE_BASELINES = (1.0, 2000.0)
 #: Median depth, m, that no water is clear enough for; inches taken for metres put a metre at forty.
@@ -99,8 +100,12 @@ def has_baseline(calibration: StereoCalibration) -> bool:
 def judge_baseline(baseline_m: float) -> tuple[Finding, ...]:
     """Hold a baseline, m, against what a rig can be."""
     low, high = BASELINE_RANGE_M
-    if low <= abs(baseline_m) <= high:
+    if low <= abs(baseline_m) <= LONG_BASELINE_M:
         return ()
+    if LONG_BASELINE_M < abs(baseline_m) <= high:
+        text = f"right P: expected a baseline up to {LONG_BASELINE_M:g} m, as rigs have, got {abs(baseline_m):.4g} m"
+        advice = "measure it with a ruler: is the unit right?"
+        return (Finding(Code.CALIBRATION_BASELINE_IMPLAUSIBLE, text, advice=advice),)
     large = abs(baseline_m) > high
     cause = "millimetres instead of metres" if large else "P[3] in metres instead of px m (-fx B)"
     other = ", or uw_recon convert-calibration --unit mm (cm, in)" if large else ""

@@ -153,6 +153,9 @@ def _opencv_lens(values: dict[str, Any], suffixes: tuple[str, ...], size: Size) 
             f"expected {names} or the like of {side}, got {list_of(values)}", Code.CALIBRATION_NUMBERS
         )
     coefficients = as_numbers(d, f"D{suffixes[0]}")
+    if coefficients.size == 9 and as_numbers(k, f"M{suffixes[0]}").size in (4, 5, 8, 12, 14):
+        text = f"M{suffixes[0]} and D{suffixes[0]}: expected a matrix of 9 numbers and coefficients, got them exchanged"
+        raise CalibrationError(f"{text}: give each the other's name", Code.CALIBRATION_NUMBERS)
     model = str(values.get("distortionmodel") or values.get("cameramodel") or "plumb_bob")
     return Lens(size, as_numbers(k, f"M{suffixes[0]}", 9).reshape(3, 3), coefficients, model)
 
