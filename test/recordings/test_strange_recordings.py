@@ -18,6 +18,7 @@ from uw_recon_ros.images import decode_image
 from uw_recon_ros.messages.headers import header
 from uw_recon_ros.recordings.info import inspect_recording
 from uw_recon_ros.recordings.recording import Recording
+from uw_recon_ros.recordings.sources import Source, told_of_calibrations
 
 PAIRS = [views(n, shape=(96, 128)) for n in range(5)]
 
@@ -147,3 +148,19 @@ def test_an_encoding_that_is_unknown_is_said_once(tmp_path: Path) -> None:
     (info,) = inspect_recording(tmp_path / "bag")
     assert [("mono12p" in reason) for reason in info.reasons] == [True, True]
     assert not any("differ from the first" in warning for warning in info.warnings)
+
+
+def test_calibrations_beside_stills_are_named_used_or_not(tmp_path: Path) -> None:
+    for name in ("calibration.yaml", "old_calibration.yaml", "notes.txt"):
+        (tmp_path / name).write_text("a: 1\n")
+    source = Source("stills", str(tmp_path), tmp_path.name)
+    beside, unused = told_of_calibrations(source, ())
+    assert "calibrated by calibration.yaml" in beside
+    assert "old_calibration.yaml" in unused
+    assert "notes.txt" not in unused
+    given, others = told_of_calibrations(source, ["rig.npz"])
+    assert "calibrated by rig.npz" in given
+    assert "calibration.yaml, old_calibration.yaml" in others
+    (tmp_path / "calibration.yaml").unlink()
+    (only,) = told_of_calibrations(source, ())
+    assert "--calibration" in only

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -253,6 +253,18 @@ def other_calibrations(source: Source) -> list[str]:
     files = [*folder.iterdir(), *folder.glob("cam[0-9]/sensor.yaml")]
     found = [file for file in files if file.suffix.lower() in _CALIBRATION_SUFFIXES and file.is_file()]
     return sorted(str(file.relative_to(folder)) for file in found if _MAY_CALIBRATE.search(file.name))
+
+
+def told_of_calibrations(source: Source, given: Sequence[str]) -> list[str]:
+    """Which files beside stills or videos are used as calibration and which are not, in sentences; nothing for bags."""
+    beside = calibration_file(source)
+    used = [Path(path).name for path in given] or ([beside.name] if beside else [])
+    unused = [name for name in other_calibrations(source) if Path(name).name not in used]
+    found = [f"{source.name}: calibrated by {' and '.join(used)}"] if used and source.kind != "bag" else []
+    if unused:
+        why = "one rig has one calibration" if used else "name it with --calibration to use it"
+        found.append(f"{source.name}: not used as calibration: {', '.join(unused[:4])}: {why}")
+    return found
 
 
 def source_files(source: Source) -> list[Path]:

@@ -16,7 +16,7 @@ from uw_recon_ros.kernel_warmup import tell_if_cold
 from uw_recon_ros.progress import Progress
 from uw_recon_ros.recordings.listing import Listing, first_size, list_frames
 from uw_recon_ros.recordings.pair_index import Frame
-from uw_recon_ros.recordings.sources import Source, find_sources
+from uw_recon_ros.recordings.sources import Source, find_sources, told_of_calibrations
 from uw_recon_ros.rectify.rectification import Rectification
 from uw_recon_ros.survey.choose import choose, options_of
 from uw_recon_ros.survey.executor import Executor, Lost
@@ -76,7 +76,8 @@ def _list(request: SurveyRequest, sources: list[Source], progress: Progress) -> 
     listing.frames = choose(listing.frames, request.survey)
     listing.frames, more = sort_rigs(listing.frames, listing.calibrations, request.pipeline.rectify)
     listing.notes += more
-    for sentence in [*listing.unreadable, *listing.notes]:
+    told = [sentence for source in sources for sentence in told_of_calibrations(source, request.calibration)]
+    for sentence in [*told, *listing.unreadable, *listing.notes]:
         progress.line(f"note: {sentence}")
     return listing
 
