@@ -22,6 +22,7 @@ from uw_recon_ros.types import CameraModel, StereoCalibration, StereoGeometry
 K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
 D = [-0.25, 0.08, 0.0, 0.0, 0.0]
 HALF = np.diag([0.5, 0.5, 1.0])
+LONG = np.array([[5000.0, 0, 320], [0, 5000, 240], [0, 0, 1]])
 
 
 def camera(tx: float = 0.0, **change: Any) -> CameraModel:
@@ -41,6 +42,7 @@ BAD = {
     "P of another size": (
         camera(p=projection(HALF)), camera(p=projection(HALF, -60)), Code.CALIBRATION_RESOLUTION,
     ),
+    "K of ten times the focal length": (camera(k=LONG), camera(-60.0, k=LONG), Code.CALIBRATION_RESOLUTION),
     "K of another size": (camera(k=HALF @ K), camera(-60.0, k=HALF @ K), Code.CALIBRATION_RESOLUTION),
     "two sizes": (camera(), camera(-60.0, width=800), Code.CALIBRATION_SIZE_DIFFERS),
     "D negated": (camera(d=[-1.5, 0, 0, 0, 0]), camera(-60.0), Code.CALIBRATION_DISTORTION_IMPLAUSIBLE),

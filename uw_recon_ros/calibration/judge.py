@@ -29,6 +29,7 @@ SAME_ROW_PX = 0.5
 _SAME_PROPORTIONS = 0.01  # relative difference: what rounding to whole and even pixels leaves
 _ROTATION = 1e-3  # largest element of R R^T - I
 _SCALED = 1.25  # K and P whose focal length and centre differ by one factor beyond this are of two resolutions
+_APART = 4.0  # focal lengths of K and P: what rectification may shrink or enlarge a view, and more
 _OFF_CENTRE = 1.6  # principal point over image centre, or its inverse, in both directions alike
 _ALIKE = 0.1  # relative difference of factors that counts as one factor
 _ORTHOGRAPHIC = -1 / 6  # k1 of sin(theta), the strongest compression of a lens that images a half space
@@ -192,6 +193,9 @@ def _resolution(side: str, camera: CameraModel) -> Iterator[Finding]:
     if _one_factor(factors, _SCALED):
         text = f"{side} P: expected the resolution of K, got focal length and centre {factors.mean():.2f} times K's"
         yield _refused(Code.CALIBRATION_RESOLUTION, text, "scale K and P to the image's resolution")
+    elif camera.distortion_model != "equidistant" and not 1 / _APART <= factors[0] <= _APART:
+        text = f"{side} P: expected a focal length like K's, got {p[0]:g} px, {factors[0]:.3g} times K's {k[0]:g} px"
+        yield _refused(Code.CALIBRATION_RESOLUTION, text, "one of the two is wrong: look into the calibration file")
     centre = k[1:] / (camera.width / 2, camera.height / 2)
     if _one_factor(centre, _OFF_CENTRE):
         text = (
