@@ -385,6 +385,7 @@ def rows_of(opened: Opened, results: Sequence[Measurement]) -> list[dict[str, An
             "sigma": finite(r.sigma), "unit": r.unit, "sigma_disparity": finite(r.sigma_disparity),
             "sigma_click": finite(r.sigma_click), "sigma_calibration": finite(r.sigma_calibration),
             "depth": finite(r.depth), "agreed": finite(r.agreed), "cell": finite(r.cell),
+            "other": finite(r.other),
             "pixels": [list(point) for point in r.points],
             "reliable": all(f.severity < Severity.UNRELIABLE for f in opened.findings),
         }

@@ -156,3 +156,40 @@ def test_an_outline_that_crosses_itself_is_refused(turn: int) -> None:
     area, rugosity = measure_patch(frame, square[turn:] + square[:turn])
     assert area.value > 0
     assert rugosity.value >= 1
+
+
+def test_an_end_at_an_edge_tells_the_other_surface() -> None:
+    """Two pixels inside a bar before a floor the floor may be meant, ten pixels inside it may not."""
+    disparity = bar_before_floor()
+    edge, inside = ((202.0, 200.0), (300.0, 200.0)), ((215.0, 200.0), (300.0, 200.0))
+    floor, bar = on_plane(FLOOR, FLOOR_M), on_plane(BAR, 1.0)
+    by_floor = np.linalg.norm(true_point(202, 200, floor) - true_point(300, 200, bar))
+    assert measure_polyline(frame_of(disparity, 0.05), edge).other == pytest.approx(by_floor, rel=0.02)
+    assert np.isnan(measure_polyline(frame_of(disparity, 0.05), inside).other)
+    assert np.isnan(measure_to_plane(frame_of(disparity), (300.0, 200.0)).other)
+
+
+def test_no_plane_goes_through_two_surfaces_where_sigma_is_large() -> None:
+    """A matcher that is unsure at an edge says so by a large sigma: no reason to take the middle of both sides."""
+    frame = frame_of(np.where(U < 300, 40.0, 60.0), 0.02)
+    frame.sigma[:, 290:310] = 10.0
+    true = np.linalg.norm(point_of(GEOMETRY, 301, 200, 60.0) - point_of(GEOMETRY, 400, 200, 60.0))
+    assert measure_polyline(frame, [(301.0, 200.0), (400.0, 200.0)]).value == pytest.approx(true, rel=0.02)
+
+
+def test_a_line_that_ends_before_the_end_says_nothing_of_it() -> None:
+    """A box stands over the last part of a floor that is straight from the other end."""
+    floor = 40.0 + 0.0 * U
+    disparity = np.where((U > 380) & (np.abs(V - 200) < 60), 50.0, floor)
+    true = np.linalg.norm(point_of(GEOMETRY, 200, 200, 40.0) - point_of(GEOMETRY, 384, 200, 50.0))
+    assert measure_polyline(frame_of(disparity, 0.05), [(200.0, 200.0), (384.0, 200.0)]).value == pytest.approx(
+        true, rel=0.01
+    )
+
+
+@pytest.mark.parametrize("corner", [(0.0, 0.0), (639.0, 0.0), (0.0, 479.0), (639.0, 479.0)])
+def test_an_end_in_the_image_s_corner(corner: tuple[float, float]) -> None:
+    disparity = on_plane(FLOOR, FLOOR_M)
+    true = np.linalg.norm(true_point(*corner, disparity) - true_point(320, 240, disparity))
+    made = measure_polyline(frame_of(disparity, 0.01), [corner, (320.0, 240.0)])
+    assert made.value == pytest.approx(true, rel=0.02)

@@ -7,10 +7,13 @@ import json
 import math
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from uw_recon_ros.cli.common import OK, UsageError, warn
 from uw_recon_ros.progress import say
+
+if TYPE_CHECKING:
+    from uw_recon_ros.measure.quantities import Measurement
 
 HELP = "measure lengths, heights and areas, each with its error"
 DESCRIPTION = (
@@ -95,7 +98,7 @@ def _in_view(args: argparse.Namespace) -> int:
     for result in results:
         part = "" if error else " (without the calibration's part)"
         value = f"{result.value:.4g} ± {result.sigma:.2g} {result.unit}".rstrip()
-        say(f"{result.quantity}: {value}{part}, at a depth of {result.depth:.3g} {opened.unit}")
+        say(f"{result.quantity}: {value}{part}, at a depth of {result.depth:.3g} {opened.unit}{_edge(result)}")
     return _told(args, rows)
 
 
@@ -135,6 +138,16 @@ def _told(args: argparse.Namespace, rows: list[dict[str, Any]]) -> int:
     else:
         sys.stdout.write(json.dumps(rows, indent=2, allow_nan=False) + "\n")
     return OK
+
+
+def _edge(result: Measurement) -> str:
+    """What an end at an edge leaves open."""
+    if not math.isfinite(result.other):
+        return ""
+    return (
+        f"; an end lies at an edge: {result.other:.4g} {result.unit} by the other surface seen within 3 px: "
+        "click further inside"
+    )
 
 
 def _points(words: list[str]) -> list[tuple[float, float]]:

@@ -4,13 +4,16 @@ Along a straight line in space disparity is linear in the image. So disparities 
 is fitted that most of them agree with. An end on a smooth surface is what is seen there. An end on a silhouette is what
 the line says, where it holds from end to end as well as its noise lets it, as along a board; where not, as over
 anything round, what the segment shows right before it: background seen past an edge does not agree, nor does it count.
+The line must be seen next to the end, and not behind what the end's pixel shows. Where another surface is seen within a
+few px of the end, which of them was meant is not known: both are told. The numbers are chosen by
+``test/benchmark/length_ends.py``.
 
 ``report/measure_numbers.js`` does the same in pages; a test holds the two together.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,11 +26,16 @@ from uw_recon_ros.types import Matrix
 _SPOT_PX = (4, 2)  # radius of what is one surface, or a silhouette; the larger first
 _BAND_PX = 2  # to either side of the segment
 _INWARDS_PX = 6.0
+_BORNE_PX = 8.0  # from an end, in which a line must be seen
+_EDGE_PX = 3  # a click and the matcher's edge may be off by as much
+_ANOTHER_PX = 2.0  # disparities further apart belong to two surfaces
 _LEAST = 8  # disparities
 _STRAIGHT = 0.7  # share that must agree for the whole segment to be one line
 _BY_NOISE = 1.25  # scatter over sigma, up to which a line is as straight as its noise tells
 _TOLERANCE = 3.0  # times sigma
 _LEAST_TOLERANCE_PX = 0.3
+_MOST_TOLERANCE_PX = 1.0  # of one surface: with more, a plane goes through two
+_AVERAGED = 0.8  # sigma of a plane's disparity over that of its pixels
 CORRELATED_PX = 8.0  #: along the image, over which a matcher's errors are alike
 _DRAWS = 200
 
@@ -44,6 +52,8 @@ class End:
         px.
     agreed : float
         Share of the disparities read that agree, 0 to 1.
+    beside : float
+        px, of another surface seen within 3 px; NaN: there is none.
     """
 
     u: float
@@ -51,6 +61,7 @@ class End:
     disparity: float
     sigma: float
     agreed: float
+    beside: float = float("nan")
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,9 +112,36 @@ def segment_ends(frame: DisparityFrame, first: Matrix, second: Matrix) -> tuple[
     for point, at in ((first, 0.0), (second, length)):
         found = _seen_there(frame, point, _SPOT_PX[0])
         if found is None and whole is not None and whole.straight(length):
-            found = _end(point, whole, at)
-        ends.append(found or _seen_there(frame, point, _SPOT_PX[1]) or _inwards(point, at, length, t, d, sigma))
+            found = _along(frame, point, whole, at, t, d, sigma)
+        found = found or _seen_there(frame, point, _SPOT_PX[1]) or _inwards(point, at, length, t, d, sigma)
+        ends.append(replace(found, beside=_beside(frame, found)))
     return ends[0], ends[1]
+
+
+def _along(
+    frame: DisparityFrame, point: Matrix, line: _Line, at: float, t: Matrix, d: Matrix, sigma: Matrix
+) -> End | None:
+    """An end on the line of the whole segment; None where the line is not seen near it, or behind what is there."""
+    near = np.abs(t - at) <= _BORNE_PX
+    agree = np.abs(d[near] - line.offset - line.slope * t[near]) <= _limit(sigma)
+    u, v = (round(float(x)) for x in point)
+    there, found = float(frame.disparity[v, u]), _end(point, line, at)
+    behind = (there - found.disparity) * np.sign(frame.geometry.focal_times_baseline)
+    return None if agree.sum() < _LEAST or behind > _MOST_TOLERANCE_PX else found  # NaN is not behind
+
+
+def _limit(sigma: Matrix) -> float:
+    """How far from a line disparities of it lie, px."""
+    return max(_TOLERANCE * float(np.median(sigma)), _LEAST_TOLERANCE_PX)
+
+
+def _beside(frame: DisparityFrame, end: End) -> float:
+    """Disparity of another surface near an end, px; NaN: there is none."""
+    u, v = round(end.u), round(end.v)
+    part = frame.disparity[max(v - _EDGE_PX, 0) : v + _EDGE_PX + 1, max(u - _EDGE_PX, 0) : u + _EDGE_PX + 1]
+    with np.errstate(invalid="ignore"):
+        others = part[np.abs(part - end.disparity) > _ANOTHER_PX]
+    return float(np.median(others)) if len(others) > 1 else float("nan")
 
 
 def _inwards(point: Matrix, at: float, length: float, t: Matrix, d: Matrix, sigma: Matrix) -> End:
@@ -122,7 +160,8 @@ def _inwards(point: Matrix, at: float, length: float, t: Matrix, d: Matrix, sigm
 def _seen_there(frame: DisparityFrame, point: Matrix, reach: int) -> End | None:
     """An end on one surface, smooth within `reach` px; None at a silhouette, or without depth."""
     u, v = (round(float(x)) for x in point)
-    part = slice(max(v - reach, 0), v + reach + 1), slice(max(u - reach, 0), u + reach + 1)
+    height, width = frame.disparity.shape
+    part = slice(max(v - reach, 0), min(v + reach + 1, height)), slice(max(u - reach, 0), min(u + reach + 1, width))
     rows, columns = np.mgrid[part]
     d, sigma = frame.disparity[part], frame.sigma[part]
     known = np.isfinite(d)
@@ -133,9 +172,9 @@ def _seen_there(frame: DisparityFrame, point: Matrix, reach: int) -> End | None:
     plane = np.linalg.lstsq(places, values, rcond=None)[0]
     scatter = float(np.abs(values - places @ plane).max())
     noise = float(np.nanmedian(sigma[known])) if np.isfinite(sigma[known]).any() else 1.0
-    if scatter > max(_TOLERANCE * noise, _LEAST_TOLERANCE_PX):
+    if scatter > min(max(_TOLERANCE * noise, _LEAST_TOLERANCE_PX), _MOST_TOLERANCE_PX):
         return None
-    return End(float(point[0]), float(point[1]), float(plane[2]), noise, float(known.mean()))
+    return End(float(point[0]), float(point[1]), float(plane[2]), _AVERAGED * noise, float(known.mean()))
 
 
 def _end(point: Matrix, line: _Line, t: float) -> End:
@@ -164,7 +203,7 @@ def _fitted(t: Matrix, d: Matrix, sigma: Matrix) -> _Line | None:
     """The line that most disparities agree with, refined on those; None for too few."""
     if len(t) < _LEAST:
         return None
-    limit = max(_TOLERANCE * float(np.median(sigma)), _LEAST_TOLERANCE_PX)
+    limit = _limit(sigma)
     offset, slope = _most_agreed(t, d, limit)
     agree = np.abs(d - offset - slope * t) <= limit
     if agree.sum() < _LEAST:

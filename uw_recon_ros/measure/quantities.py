@@ -52,6 +52,8 @@ class Measurement:
         Least share of disparities that agreed at an end, 0 to 1.
     cell : float
         Side of the cells of a patch: roughness finer than that is not seen; NaN elsewhere.
+    other : float
+        Length with an end at an edge on the other surface seen there; NaN: no end lies at an edge.
     """
 
     quantity: str
@@ -65,6 +67,7 @@ class Measurement:
     depth: float
     agreed: float
     cell: float = float("nan")
+    other: float = float("nan")
 
 
 def point_of(geometry: StereoGeometry, u: float, v: float, disparity: float) -> Matrix:
@@ -105,7 +108,19 @@ def measure_polyline(
         found = [point_of(frame.geometry, *row) for row in values.reshape(-1, 3)]
         return float(sum(np.linalg.norm(b - a) for a, b in pairwise(found)))
 
-    return _propagated("length" if len(ends) == 2 else "polyline", length, ends, frame, click_px, calibration)
+    made = _propagated("length" if len(ends) == 2 else "polyline", length, ends, frame, click_px, calibration)
+    return replace(made, other=_with_another(length, ends, made.value))
+
+
+def _with_another(length: Callable[[Matrix], float], ends: Sequence[End], found: float) -> float:
+    """The length that differs most, with one end on the other surface seen there; NaN where no end has one."""
+    inputs, others = np.array([[end.u, end.v, end.disparity] for end in ends]), list[float]()
+    for k, end in enumerate(ends):
+        if np.isfinite(end.beside):
+            moved = inputs.copy()
+            moved[k, 2] = end.beside
+            others.append(length(moved))
+    return max(others, key=lambda other: abs(other - found), default=float("nan"))
 
 
 def _joined(one: End, other: End) -> End:
@@ -113,7 +128,8 @@ def _joined(one: End, other: End) -> End:
     weights = np.array([1 / one.sigma**2, 1 / other.sigma**2])
     disparity = float(np.average([one.disparity, other.disparity], weights=weights))
     apart = abs(one.disparity - other.disparity) / 2
-    return End(one.u, one.v, disparity, max(float(1 / np.sqrt(weights.sum())), apart), min(one.agreed, other.agreed))
+    sigma = max(float(1 / np.sqrt(weights.sum())), apart)
+    return replace(one, disparity=disparity, sigma=sigma, agreed=min(one.agreed, other.agreed))
 
 
 def _propagated(

@@ -13,6 +13,7 @@
   const digits = (value, most) => value.toLocaleString("en", { maximumSignificantDigits: most, useGrouping: false }).replace("-", "\u2212");
   const known = (value, most = 2) => (value === null ? "\u2013" : digits(value, most));
   const unit = text => text.replace("2", "\u00b2");
+  const atEdge = row => (Number.isFinite(row.other) ? ` (at an edge: ${known(row.other, 4)} ${unit(row.unit)} by the other surface)` : "");
 
   class Clicks {
     constructor(root, host) {
@@ -166,7 +167,7 @@
       const body = this.whole.querySelector("tbody");
       this.whole.querySelector(".results").hidden = !this.entries.length;
       body.replaceChildren(...this.entries.flatMap((entry, k) => entry.rows.map(row => {
-        const line = document.createElement("tr"), mark = row.reliable ? "" : " (not reliable)";
+        const line = document.createElement("tr"), mark = (row.reliable ? "" : " (not reliable)") + atEdge(row);
         const cells = [
           `${k + 1} ${row.quantity.replace("_", " ")}`, `${known(row.value, 4)} ${unit(row.unit)}${mark}`,
           `${known(row.sigma)} ${unit(row.unit)}`, ...this.host.cells(row),

@@ -3,6 +3,7 @@
 // for line, so that a page and `uw_recon measure` give one answer. Names are the same; explanations stand there.
 globalThis.uwMeasure = (() => {
   const SPOT_PX = [4, 2], BAND_PX = 2, INWARDS_PX = 6, LEAST = 8, STRAIGHT = 0.7, BY_NOISE = 1.25, TOLERANCE = 3, LEAST_TOLERANCE_PX = 0.3;
+  const BORNE_PX = 8, EDGE_PX = 3, ANOTHER_PX = 2, MOST_TOLERANCE_PX = 1, AVERAGED = 0.8;
   const CORRELATED_PX = 8, DRAWS = 200, PLACE_PX = 6, PLANE_DRAWS = 300, PLANE_MOST = 4000;
   const CELLS_MOST = 60, CELLS_LEAST = 8, TILTED_BY_NOISE = 0.1, REPEATS = 24, WHOLE = 2 ** 32;
 
@@ -95,9 +96,26 @@ globalThis.uwMeasure = (() => {
     if (length < 2) failed("segment: expected two different points, got one twice");
     const read = readAlong(frame, first, second, length), whole = fitted(read);
     return [[first, 0], [second, length]].map(([point, t]) => {
-      const along = whole && straight(whole, length) ? endOf(point, whole, t) : null;
-      return seenThere(frame, point, SPOT_PX[0]) || along || seenThere(frame, point, SPOT_PX[1]) || inwards(point, t, length, read);
+      const line = whole && straight(whole, length) ? along(frame, point, whole, t, read) : null;
+      const end = seenThere(frame, point, SPOT_PX[0]) || line || seenThere(frame, point, SPOT_PX[1]) || inwards(point, t, length, read);
+      return { ...end, beside: beside(frame, end) };
     });
+  }
+
+  function along(frame, point, line, t, read) {
+    const limit = limitOf(read), found = endOf(point, line, t);
+    const agree = read.filter(row => Math.abs(row[0] - t) <= BORNE_PX && Math.abs(row[1] - line.offset - line.slope * row[0]) <= limit);
+    const there = frame.disparity[rint(point[1]) * frame.width + rint(point[0])];
+    const behind = (there - found.disparity) * Math.sign(frame.focalTimesBaseline);
+    return agree.length < LEAST || behind > MOST_TOLERANCE_PX ? null : found;
+  }
+
+  const limitOf = read => Math.max(TOLERANCE * median(read.map(row => row[2])), LEAST_TOLERANCE_PX);
+
+  function beside(frame, end) {
+    const d = spot(frame, rint(end.u), rint(end.v), EDGE_PX).rows.map(row => row[2]);
+    const others = d.filter(value => Math.abs(value - end.disparity) > ANOTHER_PX);
+    return others.length > 1 ? median(others) : NaN;
   }
 
   function inwards(point, t, length, read) {
@@ -131,8 +149,8 @@ globalThis.uwMeasure = (() => {
     const [a, b, c] = planeThrough(x, y, d), known = finite(rows.map(row => row[3]));
     const scatter = Math.max(...d.map((value, i) => Math.abs(value - a * x[i] - b * y[i] - c)));
     const noise = known.length ? median(known) : 1;
-    if (!(scatter <= Math.max(TOLERANCE * noise, LEAST_TOLERANCE_PX))) return null;
-    return { u: point[0], v: point[1], disparity: c, sigma: noise, agreed: rows.length / size };
+    if (!(scatter <= Math.min(Math.max(TOLERANCE * noise, LEAST_TOLERANCE_PX), MOST_TOLERANCE_PX))) return null;
+    return { u: point[0], v: point[1], disparity: c, sigma: AVERAGED * noise, agreed: rows.length / size };
   }
 
   // [t, disparity, sigma] of all pixels in a band about the segment.
@@ -151,7 +169,7 @@ globalThis.uwMeasure = (() => {
 
   function fitted(read) {
     if (read.length < LEAST) return null;
-    const limit = Math.max(TOLERANCE * median(read.map(row => row[2])), LEAST_TOLERANCE_PX);
+    const limit = limitOf(read);
     const [start, rise] = mostAgreed(read, limit);
     const agree = read.filter(row => Math.abs(row[1] - start - rise * row[0]) <= limit);
     if (agree.length < LEAST) return null;
@@ -192,7 +210,14 @@ globalThis.uwMeasure = (() => {
     const inner = pairwise(segments).map(([before, after]) => joined(before[1], after[0]));
     const ends = [segments[0][0], ...inner, segments[segments.length - 1][1]];
     const length = values => sum(pairwise(values.map(row => pointOf(frame, ...row))).map(([a, b]) => norm(minus(b, a))));
-    return propagated(ends.length === 2 ? "length" : "polyline", length, ends, frame, clickPx);
+    const made = propagated(ends.length === 2 ? "length" : "polyline", length, ends, frame, clickPx);
+    return { ...made, other: withAnother(length, ends, made.value) };
+  }
+
+  function withAnother(length, ends, found) {
+    const inputs = ends.map(end => [end.u, end.v, end.disparity]);
+    const others = ends.flatMap((end, k) => (Number.isFinite(end.beside) ? [length(inputs.map((row, j) => (j === k ? [row[0], row[1], end.beside] : row)))] : []));
+    return others.reduce((most, other) => (Number.isNaN(most) || Math.abs(other - found) > Math.abs(most - found) ? other : most), NaN);
   }
 
   function joined(one, other) {
@@ -214,7 +239,7 @@ globalThis.uwMeasure = (() => {
     return {
       quantity, value: found, sigma: together(disparity, click, calibration), unit: frame.unit,
       sigma_disparity: disparity, sigma_click: click, sigma_calibration: calibration, depth,
-      agreed: Math.min(...ends.map(end => end.agreed)), cell: NaN, pixels: ends.map(end => [end.u, end.v]),
+      agreed: Math.min(...ends.map(end => end.agreed)), cell: NaN, other: NaN, pixels: ends.map(end => [end.u, end.v]),
     };
   }
 
@@ -299,7 +324,7 @@ globalThis.uwMeasure = (() => {
     const value = surface * whole, disparity = spread[0] * whole, click = value * edge;
     const calibration = 2 * value * byCalibration(frame, depth);
     const rough = Math.hypot(spread[0] / shadow, spread[1] * surface / shadow ** 2);
-    const shared = { depth, agreed: 1, cell: step * depth / frame.focal, pixels: corners };
+    const shared = { depth, agreed: 1, cell: step * depth / frame.focal, other: NaN, pixels: corners };
     return [
       { quantity: "area", value, sigma: together(disparity, click, calibration), unit: `${frame.unit}2`, sigma_disparity: disparity, sigma_click: click, sigma_calibration: calibration, ...shared },
       { quantity: "rugosity", value: Math.max(surface / shadow, 1), sigma: rough, unit: "", sigma_disparity: rough, sigma_click: NaN, sigma_calibration: NaN, ...shared },
