@@ -7,13 +7,10 @@ import json
 import math
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from uw_recon_ros.cli.common import OK, UsageError, warn
 from uw_recon_ros.progress import say
-
-if TYPE_CHECKING:
-    from uw_recon_ros.measure.quantities import Measurement
 
 HELP = "measure lengths, heights and areas, each with its error"
 DESCRIPTION = (
@@ -98,7 +95,8 @@ def _in_view(args: argparse.Namespace) -> int:
     for result in results:
         part = "" if error else " (without the calibration's part)"
         value = f"{result.value:.4g} ± {result.sigma:.2g} {result.unit}".rstrip()
-        say(f"{result.quantity}: {value}{part}, at a depth of {result.depth:.3g} {opened.unit}{_edge(result)}")
+        edge = _edge(result.other, result.unit)
+        say(f"{result.quantity}: {value}{part}, at a depth of {result.depth:.3g} {opened.unit}{edge}")
     return _told(args, rows)
 
 
@@ -140,14 +138,11 @@ def _told(args: argparse.Namespace, rows: list[dict[str, Any]]) -> int:
     return OK
 
 
-def _edge(result: Measurement) -> str:
+def _edge(other: float, unit: str) -> str:
     """What an end at an edge leaves open."""
-    if not math.isfinite(result.other):
+    if not math.isfinite(other):
         return ""
-    return (
-        f"; an end lies at an edge: {result.other:.4g} {result.unit} by the other surface seen within 3 px: "
-        "click further inside"
-    )
+    return f"; an end lies at an edge: {other:.4g} {unit} by the other surface seen within 3 px: click further inside"
 
 
 def _points(words: list[str]) -> list[tuple[float, float]]:
