@@ -9,6 +9,9 @@ dive, over the sectors of all its frames:
   slice of heights, by more than 15 % and 0.1 m;
 - seen: of the sectors whose nearest true surface within the image is closer than 3 m, how many are told, within 15 %
   or 0.1 m;
+- thin: of those not seen, how many show fewer pixels of that surface, within 15 % of its distance, than must agree
+  before anything is told (``obstacle_min_share``): a corner of the slice of heights, an edge of a thing. Counted as
+  missed all the same;
 - range: median of |told - true| / true of the distance down, and frames without one, in percent.
 
 The truth is the simulator's depth, searched without the code under test.
@@ -45,8 +48,11 @@ NAVIGATION = Path(__file__).resolve().parents[2] / "config" / "navigation.yaml"
 NEAR_M, SHARE, SLACK_M = 3.0, 0.15, 0.1
 
 
-def true_sectors(depth: np.ndarray, geometry: Any, slack_m: float = 0.0) -> tuple[np.ndarray, float]:
-    """Nearest true surface by sector, in a slice higher and deeper by `slack_m`, and the nearest one down."""
+def true_sectors(depth: np.ndarray, geometry: Any, slack_m: float = 0.0) -> tuple[np.ndarray, float, np.ndarray]:
+    """Nearest true surface by sector, in a slice higher and deeper by `slack_m`; the nearest one down; its pixels.
+
+    The last are those of each sector that lie within `SHARE` of its nearest.
+    """
     k = geometry.intrinsics_left
     v, u = np.mgrid[: depth.shape[0], : depth.shape[1]]
     rays = np.stack([(u - k[0, 2]) / k[0, 0], (v - k[1, 2]) / k[1, 1], np.ones(depth.shape)], axis=-1)
@@ -61,8 +67,10 @@ def true_sectors(depth: np.ndarray, geometry: Any, slack_m: float = 0.0) -> tupl
         np.rad2deg(np.arctan2(level[:, 1], level[:, 0])) + PARAMS.obstacle_field_deg / 2
     ) / PARAMS.obstacle_sector_deg
     flat = np.hypot(level[:, 0], level[:, 1])
-    nearest = [min(flat[(bearing >= i) & (bearing < i + 1)], default=np.nan) for i in range(number)]
-    return np.array(nearest), min(down[in_cone], default=np.nan)
+    sectors = [flat[(bearing >= i) & (bearing < i + 1)] for i in range(number)]
+    nearest = np.array([min(sector, default=np.nan) for sector in sectors])
+    pixels = np.array([(sector <= near * (1 + SHARE)).sum() for sector, near in zip(sectors, nearest, strict=True)])
+    return nearest, min(down[in_cone], default=np.nan), pixels
 
 
 def run(scene: str, water: str, frames: int, size: tuple[int, int], seed: int) -> dict[str, float]:
@@ -72,7 +80,8 @@ def run(scene: str, water: str, frames: int, size: tuple[int, int], seed: int) -
         width=size[0], height=size[1], seed=seed,
     ))  # fmt: skip
     pipeline, find = Pipeline(PipelineParams.from_mapping(read_values(NAVIGATION))), FindObstacles(PARAMS, MOUNT)
-    false = told = near = seen = 0
+    false = told = near = seen = thin = 0
+    fewest = round(PARAMS.obstacle_min_share * size[0] * size[1])
     errors: list[float] = []
     for index in range(frames):
         frame = dive.frame(index)
@@ -80,8 +89,8 @@ def run(scene: str, water: str, frames: int, size: tuple[int, int], seed: int) -
         products = pipeline(raw)
         depth = products.depth
         true_depth = dive.true_depth(index, depth.geometry, *size)
-        truth, below = true_sectors(true_depth, depth.geometry)
-        nearby, _ = true_sectors(true_depth, depth.geometry, SLACK_M)
+        truth, below, pixels = true_sectors(true_depth, depth.geometry)
+        nearby, _, _ = true_sectors(true_depth, depth.geometry, SLACK_M)
         around = find.look(depth, products.disparity)
         sectors = around.sectors().ranges
         padded = np.pad(np.nan_to_num(nearby, nan=np.inf), 1, constant_values=np.inf)
@@ -91,12 +100,14 @@ def run(scene: str, water: str, frames: int, size: tuple[int, int], seed: int) -
         false += int((sectors[finite] < np.minimum(allowed[finite] * (1 - SHARE), allowed[finite] - SLACK_M)).sum())
         close = truth < NEAR_M
         near += int(close.sum())
-        seen += int((np.abs(sectors[close] - truth[close]) <= np.maximum(SLACK_M, SHARE * truth[close])).sum())
+        found = np.abs(sectors - truth) <= np.maximum(SLACK_M, SHARE * truth)
+        seen += int((close & found).sum())
+        thin += int((close & ~found & (pixels < fewest)).sum())
         down = around.along_axis()
         errors.append(abs(down.distance - below) / below if down is not None else np.nan)
     return {
         "told": told, "false_percent": 100 * false / max(told, 1),
-        "near": near, "seen_percent": 100 * seen / max(near, 1),
+        "near": near, "seen_percent": 100 * seen / max(near, 1), "thin": thin,
         "range_error_percent": float(100 * np.nanmedian(errors)) if np.isfinite(errors).any() else float("nan"),
         "no_range_percent": float(100 * np.isnan(errors).mean()),
     }  # fmt: skip
@@ -113,13 +124,14 @@ def main() -> int:
     parser.add_argument("--output", type=Path)
     args = parser.parse_args()
     width, height = map(int, args.size.split("x"))
-    print("scene    water  told  false %  near  seen %  range err %  no range %")
+    print("scene    water  told  false %  near  seen %  thin  range err %  no range %")
     table = {}
     for scene, water in itertools.product(args.scenes, args.waters):
         row = table[f"{scene} {water}"] = run(scene, water, args.frames, (width, height), args.seed)
         print(
             f"{scene:8} {water:5} {row['told']:5.0f} {row['false_percent']:8.2f} {row['near']:5.0f} "
-            f"{row['seen_percent']:7.1f} {row['range_error_percent']:12.2f} {row['no_range_percent']:11.1f}",
+            f"{row['seen_percent']:7.1f} {row['thin']:5.0f} "
+            f"{row['range_error_percent']:12.2f} {row['no_range_percent']:11.1f}",
             flush=True,
         )
     if args.output:
