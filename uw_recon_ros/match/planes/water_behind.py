@@ -26,7 +26,7 @@ from uw_recon_ros.types import ByteImage, FloatImage, Mask
 
 SMALL, FINE = 6, 9  #: sides of windows, px: of the variance, and of what counts as fine
 EVEN = 10.0  #: variance of the derivative, times the noise's, at most ...
-BESIDE, STRONGEST = 0.015, 0.05  #: ... and this part of what the most textured part of the image has
+BESIDE, STRONGEST = 0.007, 0.05  #: ... and this part of what the most textured part of the image has
 RIM = 6  #: px
 WIDE = 61  #: side of the window that views are compared over, px
 ALIKE = 0.4  #: correlation
