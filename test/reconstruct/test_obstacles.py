@@ -11,7 +11,13 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from uw_recon_ros.camera_mount import MountParams
-from uw_recon_ros.reconstruct.obstacles import FindObstacles, ObstacleParams, ObstacleScan, nearest_agreed
+from uw_recon_ros.reconstruct.obstacles import (
+    FindObstacles,
+    ObstacleParams,
+    ObstacleScan,
+    nearest_agreed,
+    nearest_with_neighbors,
+)
 from uw_recon_ros.types import DepthMap, DisparityMap, StereoGeometry
 
 WIDTH, HEIGHT, FOCAL = 160, 120, 100.0
@@ -102,6 +108,20 @@ def test_uncertain_depths_and_a_few_pixels_tell_nothing() -> None:
     assert finder().look(depth_map(depth)).along_axis() is None
 
 
+@pytest.mark.parametrize(("beside", "told"), [(2.0, True), (1.5, False), (np.nan, False)])
+def test_a_corner_of_a_thing_is_told_with_the_rest_of_it_in_the_next_sector(beside: float, told: bool) -> None:
+    """4 pixels in the sector straight ahead, many to its left: at the same distance they are one thing."""
+    depth = np.full((HEIGHT, WIDTH), np.nan)
+    depth[50:70, 60:76] = beside
+    depth[58:62, 76] = 2.0
+    edge = float(np.rad2deg(np.arctan(4.5 / FOCAL)))
+    limits = {"obstacle_field_deg": 6 * edge, "obstacle_sector_deg": 2 * edge, "obstacle_min_share": 20 / depth.size}
+    right, ahead, left = finder(**limits).look(depth_map(depth)).sectors().ranges
+    assert np.isnan(right)
+    assert np.isfinite(ahead) == told
+    assert np.isfinite(left) == np.isfinite(beside)
+
+
 def test_what_is_unlikely_tells_nothing() -> None:
     depth = depth_map(wall(2.0))
     for share, told in ((0.95, True), (0.85, False)):
@@ -174,6 +194,24 @@ def test_the_nearest_agreed_is_what_a_search_finds(pairs: list[tuple[float, int]
         agreed = [d for d in own if sum(d <= other <= d * 1.1 for other in own) >= fewest]
         expected.append(min(agreed, default=np.nan))
     np.testing.assert_array_equal(nearest_agreed(distances, groups, 4, fewest), expected)
+
+
+@given(
+    st.lists(st.tuples(st.floats(0.1, 20.0), st.integers(-1, 4)), max_size=60),
+    st.integers(1, 40),
+)
+def test_with_neighbors_the_nearest_is_what_a_search_finds(points: list[tuple[float, int]], fewest: int) -> None:
+    least = max(1, round(0.05 * fewest))
+    expected = []
+    for sector in range(4):
+        own = [d for d, s in points if s == sector]
+        around = [d for d, s in points if abs(s - sector) <= 1]
+        beyond = {d: sum(d <= other <= d * 1.1 for other in own) for d in own}
+        beside = {d: sum(d / 1.1 <= other <= d * 1.1 for other in around) for d in own}
+        told = [d for d in own if beyond[d] >= fewest or (beyond[d] >= least and beside[d] >= fewest)]
+        expected.append(min(told, default=np.nan))
+    distances, sectors = np.array([d for d, _ in points]), np.array([s for _, s in points], np.int64)
+    np.testing.assert_array_equal(nearest_with_neighbors(distances, sectors, 4, fewest), expected)
 
 
 @given(st.floats(-180, 180), st.floats(-90, 90), st.floats(-180, 180))

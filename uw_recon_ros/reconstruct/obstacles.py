@@ -108,9 +108,8 @@ class ObstacleScan:
         clockwise = p.obstacle_axes == "frd"
         bearing = np.arctan2(-points[:, 1] if clockwise else points[:, 1], points[:, 0])
         sector = np.floor((bearing - first) / step).astype(np.int64)
-        inside = (sector >= 0) & (sector < number)
         flat = np.hypot(points[:, 0], points[:, 1])
-        ranges = nearest_agreed(flat[inside], sector[inside], number, self.fewest)
+        ranges = nearest_with_neighbors(flat, sector, number, self.fewest)
         frame = self.mount.base_frame + "_frd" if clockwise else self.mount.base_frame
         return Sectors(ranges, first + step / 2, step, self.min_range, self.max_range, self.stamp_ns, frame)
 
@@ -223,3 +222,48 @@ def nearest_agreed(distances: Floats, groups: NDArray[np.int64], number: int, fe
         found, first = np.unique(group[:last][agreed], return_index=True)
         nearest[found] = distance[:last][agreed][first]
     return nearest
+
+
+#: A sector's own share of the pixels that must agree; its neighbors may give the rest.
+_OWN_SHARE = 0.05
+
+
+def nearest_with_neighbors(distances: Floats, sectors: NDArray[np.int64], number: int, fewest: int) -> Floats:
+    """The nearest of each sector, where both neighbors may stand for what shows too few pixels of its own.
+
+    A thing that reaches into a sector by a corner shows few pixels there; the rest of it lies beside, as far away.
+
+    Parameters
+    ----------
+    distances : (N,) float64
+        Positive.
+    sectors : (N,) int64
+        From 0 to `number` - 1 in the field; what lies outside stands for its neighbors only.
+    number : int
+        Of sectors.
+    fewest : int
+        Points that must agree: own ones to a tenth beyond, or own ones and the neighbors' to a tenth nearer and beyond.
+
+    Returns
+    -------
+    (number,) float64
+        NaN where there is none.
+    """
+    mine = np.flatnonzero((sectors >= 0) & (sectors < number))
+    nearest = nearest_agreed(distances[mine], sectors[mine], number, fewest)
+    mine = mine[~(distances[mine] >= nearest[sectors[mine]])]  # few: more would have agreed alone
+    least = max(1, round(_OWN_SHARE * fewest))
+    for sector in np.flatnonzero(np.bincount(sectors[mine], minlength=number) >= least):
+        near = np.sort(distances[mine[sectors[mine] == sector]])
+        around = np.sort(distances[np.abs(sectors - sector) <= 1])
+        told = _within(near, near, 1.0) >= least
+        told &= _within(near, around, 1 + _AGREEMENT) >= fewest
+        if told.any():
+            nearest[sector] = near[told][0]
+    return nearest
+
+
+def _within(distances: Floats, others: Floats, nearer: float) -> NDArray[np.int64]:
+    """How many of the sorted `others` lie from each distance divided by `nearer` to a tenth beyond it."""
+    beyond = np.searchsorted(others, distances * (1 + _AGREEMENT), "right")
+    return np.asarray(beyond - np.searchsorted(others, distances / nearer, "left"))
