@@ -92,6 +92,11 @@ def test_a_calibrated_pair_that_the_command_left(tmp_path: Path, capsys: pytest.
     write_calibration(dive.calibration, tmp_path / "rig.yaml")
     pair, out = [str(tmp_path / name) for name in ("left.png", "right.png")], str(tmp_path / "out")
     assert main(["pair", *pair, "-o", out, "--calibration", str(tmp_path / "rig.yaml")]) == 0
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert "(baseline 0.121 m, depths " in said
+    near, far = (float(word) for word in said.split("depths ")[1].removesuffix(" m)").split(" to "))
+    seen = read_disparity(tmp_path / "out" / "depth.tiff")
+    assert [near, far] == pytest.approx(np.nanquantile(seen, [0.05, 0.95]), rel=0.01)
     assert main(["measure", out, "length", "90,90", "150,90"]) == 0
     told = capsys.readouterr()
     (row,) = json.loads(told.out)
@@ -137,13 +142,19 @@ def test_small_mistakes_are_told(kept: Path, capsys: pytest.CaptureFixture[str])
     bow = ["40,40", "200,200", "200,40", "40,200"]
     assert main(["measure", str(kept / "a.frame"), "area", *bow]) == 1
     assert "crosses itself" in capsys.readouterr().err
+    assert main(["measure", str(kept / "a.frame"), "area", "40,40", "100,100", "200,200"]) == 1
+    assert "not in one line" in capsys.readouterr().err
+    assert main(["measure", str(kept / "a.frame"), "height", "100,100", "--plane", "40,40", "200,200"]) == 2
+    assert "three corners" in capsys.readouterr().err
+    assert main(["measure", str(kept / "a.frame"), "length", "40,120", "90,120", "--frame", "000003"]) == 1
+    assert "one frame" in capsys.readouterr().err
 
 
 def test_a_point_left_of_the_image_is_a_point_and_no_option(kept: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for words in (
         ["length", "-5,200", "90,120"],
         ["length", "40,120", "-5.5,-2"],
-        ["height", "9,9", "--plane", "-1,2"],
+        ["height", "9,9", "--plane", "-1,2", "9,2", "9,9"],
     ):
         assert main(["measure", str(kept / "a.frame"), *words]) == 1
         assert "expected within the rectified image" in capsys.readouterr().err or words[0] == "height"

@@ -19,7 +19,7 @@ from uw_recon_ros.files.atomic import finite, write_bytes, write_json
 from uw_recon_ros.files.disparities import read_disparity
 from uw_recon_ros.files.images import read_image
 from uw_recon_ros.findings import Code, Finding, Severity
-from uw_recon_ros.measure.on_model import ModelMeasurement, Spots, measure_off_plane, measure_way
+from uw_recon_ros.measure.on_model import ModelMeasurement, Spots, measure_off_plane, measure_way, on_surface
 from uw_recon_ros.measure.quantities import (
     CalibrationError,
     Measurement,
@@ -78,10 +78,13 @@ def open_frame(path: str | Path, name: str = "") -> Opened:
         It is none of it, or its depth was not kept.
     """
     path = Path(path)
-    if path.is_file():
-        return Opened(path.name, read_kept(path))
     if (path / KEPT).is_dir():
         return _of_survey(path, name)
+    if name:
+        text = f"--frame: expected with a survey, got {name} for {path}, which is one frame"
+        raise ReconError(text, Code.MEASURE_INPUT)
+    if path.is_file():
+        return Opened(path.name, read_kept(path))
     if (path / "report.json").is_file() and (path / "disparity.pfm").is_file():
         return _of_pair(path)
     raise ReconError(
@@ -330,6 +333,16 @@ def _numbers(text: str) -> Matrix:
     return np.frombuffer(base64.b64decode(text), "<f4").astype(np.float64)
 
 
+def _check_on_surface(opened: OpenedModel, place: tuple[float, float, float]) -> None:
+    if on_surface(opened.spots, np.array(place) - opened.origin):
+        return
+    told, origin = (", ".join(f"{x:.10g}" for x in point) for point in (place, opened.origin))
+    lacks = opened.origin.any() and on_surface(opened.spots, np.array(place))
+    advice = f": add the model's origin ({origin}), which its meshes are stored without" if lacks else ""
+    text = f"({told}): expected a point on the model's surface, got none there{advice}"
+    raise EstimationError(text, Code.MEASURE_NO_DEPTH)
+
+
 def measure_on(
     opened: OpenedModel, quantity: str, points: Places, *, plane: Places | None = None, click: float | None = None
 ) -> list[ModelMeasurement]:
@@ -353,6 +366,8 @@ def measure_on(
     ValueError
         Too few points, or a quantity that a model does not have.
     """
+    for place in (*points, *(plane or ())):
+        _check_on_surface(opened, place)
     at, sigma = np.array(points, np.float64) - opened.origin, opened.click if click is None else click
     if quantity == "length":
         return [measure_way(opened.spots, at, np.full(len(at), sigma))]

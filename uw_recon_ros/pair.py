@@ -73,12 +73,21 @@ def _report(result: Products) -> PairReport:
             "residual_row_px": finite(disparity.rows.median_px),
         },
         "scale": "metric" if disparity.geometry.metric else "unknown",
+        "depth": _depths(result.depth),
         "geometry": _geometry(result.depth),
         "warnings": [finding.as_dict() for finding in findings],
         "reliable": worst(findings) < Severity.UNRELIABLE,
         "failed": None,
         "stages_seconds": result.stages_seconds,
     }
+
+
+def _depths(depth: DepthMap) -> dict[str, float] | None:
+    """How far what was seen is, m; None without a scale, or where nothing was."""
+    known = depth.depth[np.isfinite(depth.depth)]
+    if not depth.geometry.metric or not known.size:
+        return None
+    return dict(zip(("p5_m", "median_m", "p95_m"), np.percentile(known, (5, 50, 95)).tolist(), strict=True))
 
 
 def _geometry(depth: DepthMap) -> PairReport:
@@ -112,6 +121,7 @@ def _failure(stage: str, error: ReconError) -> PairReport:
         "rectification": {**nothing, "refused": str(error) if stage == "rectify" else None, "warnings": []},
         "matching": dict.fromkeys(names),
         "scale": "unknown",
+        "depth": None,
         "geometry": None,
         "warnings": [],
         "reliable": False,

@@ -90,6 +90,15 @@ def test_a_length_and_its_parts(model: Path) -> None:
     assert found.sigma == pytest.approx(np.linalg.norm(parts))
 
 
+def test_a_point_without_the_origin_is_told_what_it_lacks(model: Path) -> None:
+    opened = open_model(model)
+    for point, lacks in (((0.5, 0.0, 0.0), True), ((50.0, 0.0, 0.0), False)):
+        with pytest.raises(EstimationError) as caught:
+            measure_on(opened, "length", [point, (1.0, 0.0, 0.0)])
+        assert str(caught.value).startswith(f"({point[0]:g}, 0, 0)")
+        assert ("add the model's origin (500000, 4000000, -20)" in str(caught.value)) is lacks
+
+
 def test_the_stated_sigma_holds_two_thirds_of_the_errors(tmp_path: Path) -> None:
     """Points are laid into the world by poses that drift, with depths and clicks that err: all as the model knows."""
     opened, rng = open_model(written(tmp_path)), np.random.default_rng(5)

@@ -81,6 +81,8 @@ def _in_view(args: argparse.Namespace) -> int:
         raise UsageError(f"{args.quantity}: expected {least} points or more, got {len(points)}")
     if not 0 <= args.click_px <= 100:
         raise UsageError(f"--click-px: expected 0 to 100, got {args.click_px:g}")
+    if args.plane and len(args.plane) < 3:
+        raise UsageError(f"--plane: expected three corners or more, got {len(args.plane)}")
     opened = open_frame(args.input, args.frame)
     error = calibration_error(args.calibration_report, opened) if args.calibration_report else opened.calibration
     if args.known_length:

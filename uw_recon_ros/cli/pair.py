@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from typing import Any
 
 from uw_recon_ros.cli.common import OK, add_calibration, pipeline_params, warn
 from uw_recon_ros.progress import say
@@ -37,7 +38,15 @@ def run(args: argparse.Namespace) -> int:
     median = rectification["row_error_median_px"]
     say(
         f"{args.output}/index.html: vertical (epipolar) error {'not known' if median is None else f'{median:.2f} px'}, "
-        f"density {matching['density']:.0%}, scale {report['scale']}"
+        f"density {matching['density']:.0%}, scale {report['scale']}{_distances(report)}"
         f"{'' if report['reliable'] else ', NOT RELIABLE: see the warnings'}"
     )
     return OK
+
+
+def _distances(report: dict[str, Any]) -> str:
+    """What a wrong unit would show in."""
+    depth, baseline = report["depth"], report["geometry"]["baseline_m"]
+    if depth is None or baseline is None:
+        return ""
+    return f" (baseline {abs(baseline):.3g} m, depths {depth['p5_m']:.3g} to {depth['p95_m']:.3g} m)"

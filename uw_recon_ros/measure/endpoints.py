@@ -106,7 +106,7 @@ def segment_ends(frame: DisparityFrame, first: Matrix, second: Matrix) -> tuple[
     """
     length = float(np.linalg.norm(second - first))
     if length < 2:
-        raise EstimationError("segment: expected two different points, got one twice", Code.MEASURE_NO_DEPTH)
+        raise EstimationError("segment: expected points 2 px apart or more, got one twice", Code.MEASURE_NO_DEPTH)
     t, d, sigma = _read(frame, first, second, length)
     whole, ends = _fitted(t, d, sigma), list[End]()
     for point, at in ((first, 0.0), (second, length)):

@@ -175,10 +175,14 @@ def _propagated(
     )  # fmt: skip
 
 
+def on_surface(spots: Spots, point: Matrix) -> bool:
+    """Whether a point, (3,) world less the origin, is near enough to the surface to be measured from."""
+    return bool(((spots.places - point) ** 2).sum(axis=1).min() <= (_BESIDE * spots.spacing) ** 2)
+
+
 def _nearest(spots: Spots, point: Matrix) -> int:
-    squares = ((spots.places - point) ** 2).sum(axis=1)
-    best = int(squares.argmin())
-    if squares[best] > (_BESIDE * spots.spacing) ** 2:
+    best = int(((spots.places - point) ** 2).sum(axis=1).argmin())
+    if not on_surface(spots, point):
         told = ", ".join(f"{x:g}" for x in point)
         raise EstimationError(f"({told}): expected a point on the model's surface, got none", Code.MEASURE_NO_DEPTH)
     return best

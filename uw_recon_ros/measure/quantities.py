@@ -222,6 +222,9 @@ def _polygon(frame: DisparityFrame, corners: Sequence[tuple[float, float]]) -> M
     if _crosses_itself(corners):
         text = "outline: expected corners in order, got an outline that crosses itself"
         raise EstimationError(text, Code.MEASURE_INPUT)
+    if _flat(corners):
+        text = "outline: expected three corners or more that are not in one line"
+        raise EstimationError(text, Code.MEASURE_INPUT)
     height, width = frame.disparity.shape
     v, u = np.arange(height)[:, None], np.arange(width)[None]
     inside = np.zeros((height, width), np.bool_)
@@ -230,6 +233,13 @@ def _polygon(frame: DisparityFrame, corners: Sequence[tuple[float, float]]) -> M
             crossed = u0 + (v - v0) * (u1 - u0) / (v1 - v0)
             inside ^= ((v0 <= v) != (v1 <= v)) & (crossed < u)
     return inside
+
+
+def _flat(corners: Sequence[tuple[float, float]]) -> bool:
+    """Whether an outline is hardly wider than a pixel."""
+    twice = sum(u0 * v1 - u1 * v0 for (u0, v0), (u1, v1) in pairwise([*corners, corners[0]]))
+    across = max(np.hypot(u - corners[0][0], v - corners[0][1]) for u, v in corners)
+    return bool(abs(twice) < 2 * across)
 
 
 def _crosses_itself(corners: Sequence[tuple[float, float]]) -> bool:

@@ -93,7 +93,7 @@ globalThis.uwMeasure = (() => {
 
   function segmentEnds(frame, first, second) {
     const length = norm(minus(second, first));
-    if (length < 2) failed("segment: expected two different points, got one twice");
+    if (length < 2) failed("segment: expected points 2 px apart or more, got one twice");
     const read = readAlong(frame, first, second, length), whole = fitted(read);
     return [[first, 0], [second, length]].map(([point, t]) => {
       const line = whole && straight(whole, length) ? along(frame, point, whole, t, read) : null;
@@ -259,8 +259,15 @@ globalThis.uwMeasure = (() => {
     return sides.some((one, i) => sides.slice(0, i).some(other => apart(one, other) && apart(other, one)));
   }
 
+  function flatOutline(corners) {
+    const twice = pairwise([...corners, corners[0]]).reduce((sum, [[u0, v0], [u1, v1]]) => sum + u0 * v1 - u1 * v0, 0);
+    const across = corners.map(([u, v]) => Math.hypot(u - corners[0][0], v - corners[0][1]));
+    return Math.abs(twice) < 2 * Math.max(...across);
+  }
+
   function inside(frame, corners) {
     if (crossesItself(corners)) failed("outline: expected corners in order, got an outline that crosses itself");
+    if (flatOutline(corners)) failed("outline: expected three corners or more that are not in one line");
     const mask = new Uint8Array(frame.width * frame.height);
     for (const [[u0, v0], [u1, v1]] of pairwise([...corners, corners[0]])) {
       if (v0 === v1) continue;
