@@ -46,7 +46,7 @@ from uw_recon_ros.recordings.sources import find_sources
 from uw_recon_ros.types import ByteImage, Matrix, StereoCalibration
 
 MEDIA = ("water", "air", "unknown")
-_OTHER_MOMENTS = (Code.CALIBRATE_UNSYNCHRONISED, Code.CALIBRATE_TOO_FEW)  # where a shift is looked for
+OTHER_MOMENTS = (Code.CALIBRATE_UNSYNCHRONISED, Code.CALIBRATE_TOO_FEW)  # where a shift is looked for
 _LOOKED_AT = 12  # pairs, to find a board's size or dictionary
 
 
@@ -334,8 +334,8 @@ def calibrate_seen(
         result = _calibrated(different, board, size, metric, medium, ports, lens)
     except CalibrationError as error:
         _raise_if_turned(different, board, size)
-        if error.code in _OTHER_MOMENTS:
-            _raise_if_late(different, board, size)
+        if error.code in OTHER_MOMENTS:
+            raise_if_late(different, board, size, seen)
         rest = Counter(out.reason for out in (*unseen, *blurred, *same)).most_common(1)
         raise CalibrationError(f"{error}{f'; {rest[0][1]} pairs: {rest[0][0]}' if rest else ''}", error.code) from error
     return replace(result, left_out=(*unseen, *blurred, *same, *result.left_out))
@@ -379,9 +379,11 @@ def _raise_if_turned(pairs: Sequence[SeenPair], board: Board, size: tuple[int, i
         raise CalibrationError(text, Code.CALIBRATE_MIRRORED)
 
 
-def _raise_if_late(pairs: Sequence[SeenPair], board: Board, size: tuple[int, int]) -> None:
-    """Say so where pairs agree once the pictures of one camera are shifted."""
-    shift = find_shift(pairs, board, size)
+def raise_if_late(
+    pairs: Sequence[SeenPair], board: Board, size: tuple[int, int], among: Sequence[SeenPair] = ()
+) -> None:
+    """Say so where pairs agree once the pictures of one camera are shifted; see `find_shift`."""
+    shift = find_shift(pairs, board, size, among)
     if shift is not None:
         count, late = abs(shift.pairs), "late" if shift.pairs > 0 else "early"
         text = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections import deque
 from dataclasses import dataclass, field
 
 import cv2
@@ -15,11 +16,20 @@ from uw_recon_ros.calibrate.bundle import SeenPair
 from uw_recon_ros.calibrate.coverage import covered, near_points
 from uw_recon_ros.calibrate.detect import Sighting, find_board
 from uw_recon_ros.calibrate.pair_selection import seen_before, unseen_reason
-from uw_recon_ros.calibrate_files import BoardAsked, Result, Seen, calibrate_seen, made_board
+from uw_recon_ros.calibrate_files import (
+    OTHER_MOMENTS,
+    BoardAsked,
+    Result,
+    Seen,
+    calibrate_seen,
+    made_board,
+    raise_if_late,
+)
 from uw_recon_ros.errors import CalibrationError
 from uw_recon_ros.findings import Code
 from uw_recon_ros.types import ByteImage, Mask
 
+_REMEMBERED = 1500  # pairs, kept or not, in which partners of another moment are looked for
 _SHOWN_PX = 640  # width of either picture
 _DOT, _SEEN = (60, 220, 255), (70, 140, 40)  # BGR
 
@@ -61,7 +71,8 @@ class LiveSession:
     size: tuple[int, int] = (0, 0)
 
     def __post_init__(self) -> None:
-        self._lock = threading.Lock()
+        self._lock, self._looked = threading.Lock(), 0
+        self._seen: deque[SeenPair] = deque(maxlen=_REMEMBERED)
         if self.board is None and (self.asked.size or self.asked.kind != CHECKERBOARD):
             self.board = made_board(self.asked, [])
 
@@ -76,6 +87,7 @@ class LiveSession:
         if self.pairs and seen.size != self.size:
             got, wanted = (f"{w}x{h}" for w, h in (seen.size, self.size))
             raise CalibrationError(f"pair: expected {wanted} px as before, got {got}", Code.CALIBRATE_SIZE_DIFFERS)
+        self._looked += 1
         if self.board is None:
             try:
                 self.board = made_board(self.asked, [seen])
@@ -83,8 +95,11 @@ class LiveSession:
                 return Looked(None, None, "no checkerboard found yet")
         left, right = find_board(seen.left, self.board), find_board(seen.right, self.board)
         note = unseen_reason(left, right) or ""
-        if left is not None and right is not None and not note:
-            note = self._kept(SeenPair(seen.name, left, right), seen.size)
+        if left is not None and right is not None:
+            pair = SeenPair(seen.name, left, right, self._looked)
+            with self._lock:
+                self._seen.append(pair)
+            note = note or self._kept(pair, seen.size)
         return Looked(left, right, note)
 
     def _kept(self, pair: SeenPair, size: tuple[int, int]) -> str:
@@ -122,11 +137,16 @@ class LiveSession:
             It is not enough.
         """
         with self._lock:
-            pairs = list(self.pairs)
+            pairs, among = list(self.pairs), list(self._seen)
         if self.board is None or not pairs:
             raise CalibrationError("pairs of the board: got none yet", Code.CALIBRATE_NOT_SEEN)
         metric = self.asked.square_m > 0
-        return calibrate_seen((pairs, [], self.size), self.board, metric=metric, medium=self.medium)
+        try:
+            return calibrate_seen((pairs, [], self.size), self.board, metric=metric, medium=self.medium)
+        except CalibrationError as error:
+            if error.code in OTHER_MOMENTS:
+                raise_if_late(pairs, self.board, self.size, among)
+            raise
 
 
 def annotated(seen: Seen, looked: Looked, session: LiveSession) -> ByteImage:

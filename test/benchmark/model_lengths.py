@@ -1,8 +1,8 @@
 """Lengths on models of simulated dives against the truth, with the share of them within the stated sigma.
 
-For each end a pixel of a true view is drawn: the true place is where its ray meets the true ground, the model's place
-where the same ray of the model's own camera meets the model. So an end is one and the same thing in both, as a mark
-that people click on. ``uw_recon simulate --track ... --truth TRUTH``, ``survey --model`` make what it takes.
+For each end a pixel of a true view is drawn: the true place is where its ray meets the true ground. The model's place
+is where a mark there lies on the textured model: where the ray to it, of the frame that sees the place best, meets the
+model from that frame's own camera. ``uw_recon simulate --track ... --truth TRUTH`` and ``survey --model`` make both.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 import trimesh
 
 from uw_recon_ros.files.trajectories import read_tum
-from uw_recon_ros.measure_files import measure_on, open_model
+from uw_recon_ros.measure_files import OpenedModel, measure_on, open_model
 from uw_recon_ros.types import Matrix
 
 _RAYS = 120
@@ -40,16 +40,24 @@ class Ground:
         return eye + t[hit].min() * way if hit.any() else np.full(3, np.nan)
 
 
-def ends_of(model: Path, truth: Path, rng: np.random.Generator) -> tuple[Matrix, Matrix]:
-    """Places of the true ground, and the same on the model: (N, 3) each."""
+def ends_of(model: Path, truth: Path, opened: OpenedModel, rng: np.random.Generator) -> tuple[Matrix, Matrix]:
+    """Places of the true ground, and the same on the model, its origin included: (N, 3) each."""
     true, own = read_tum(truth / "trajectory.txt"), read_tum(model / "trajectory.txt")
     _, ours, theirs = np.intersect1d(own.stamps_ns, true.stamps_ns, return_indices=True)
-    grounds = Ground(truth / "surface.ply"), Ground(model / "mesh.ply")
+    real, made = true.poses[theirs], own.poses[ours]
+    made[:, :3, 3] -= opened.origin
+    ground, surface = Ground(truth / "surface.ply"), Ground(model / "mesh.ply")
     found = []
     for _ in range(_RAYS):
         k, ray = rng.integers(len(ours)), np.array([*rng.uniform(-0.35, 0.35, 2), 1.0])
-        poses = true.poses[theirs[k]], own.poses[ours[k]]
-        found.append([ground.meet(p[:3, 3], p[:3, :3] @ ray) for ground, p in zip(grounds, poses, strict=True)])
+        place = ground.meet(real[k, :3, 3], real[k, :3, :3] @ ray)
+        about = surface.meet(made[k, :3, 3], made[k, :3, :3] @ ray)
+        if not np.isfinite([place, about]).all():
+            continue
+        camera = opened.spots.cameras[np.linalg.norm(opened.spots.places - about, axis=1).argmin()]
+        best = int(np.linalg.norm(made[:, :3, 3] - camera, axis=1).argmin())
+        seen = real[best, :3, :3].T @ (place - real[best, :3, 3])
+        found.append([place, surface.meet(made[best, :3, 3], made[best, :3, :3] @ seen) + opened.origin])
     both = np.array(found)
     both = both[np.isfinite(both).all(axis=(1, 2))]
     return both[:, 0], both[:, 1]
@@ -67,7 +75,7 @@ def main() -> None:
     for pair in args.pairs:
         model, truth = map(Path, pair.split(":"))
         rng, opened = np.random.default_rng(0), open_model(model)
-        true, own = ends_of(model, truth, rng)
+        true, own = ends_of(model, truth, opened, rng)
         own = own + args.click_mm / 1e3 * rng.standard_normal(own.shape)
         rows = []
         for _ in range(args.lengths):

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from helpers.calibration_scenes import BOARD, LARGE, rig_of, sightings
 
+from uw_recon_ros import calibrate_live
 from uw_recon_ros.calibrate.bundle import SeenPair
 from uw_recon_ros.calibrate.fit import solve
 from uw_recon_ros.calibrate.moments import alone_px, do_not_belong, find_shift
-from uw_recon_ros.calibrate_files import calibrate_seen
+from uw_recon_ros.calibrate_files import BoardAsked, Seen, calibrate_seen
+from uw_recon_ros.calibrate_live import LiveSession
 from uw_recon_ros.errors import CalibrationError
 
 SIZE = (1280, 960)
@@ -34,6 +37,20 @@ def test_a_shifted_camera_is_one_clear_line(sound: list[SeenPair], shift: int, w
     assert told.value.code.value == "calibrate.unsynchronised"
     left, right = (f"{k:03}" for k in ((1, 2) if shift == 1 else (2, 0)))
     assert f"left one of {left} belongs to the right one of {right}" in str(told.value)
+
+
+def test_a_shift_is_found_live_where_only_some_pairs_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every second pair is not kept: it still holds the partner of the one before."""
+    pairs, blank = _late_by(1, sightings(rig_of(2, **LARGE), 20, 2)), np.zeros(SIZE[::-1], np.uint8)
+    session = LiveSession(BoardAsked(size=(BOARD.columns, BOARD.rows), square_m=BOARD.square_m))
+    monkeypatch.setattr(calibrate_live, "seen_before", lambda pair, *_: pair.place % 2 == 0)
+    at_hand = iter([sighting for pair in pairs for sighting in (pair.left, pair.right)])
+    monkeypatch.setattr(calibrate_live, "find_board", lambda *_: next(at_hand))
+    for k in range(len(pairs)):
+        session.add(Seen(f"{k:03}", blank, blank))
+    assert len(session.pairs) < len(pairs)
+    with pytest.raises(CalibrationError, match="1 pair late"):
+        session.solve()
 
 
 def test_a_shift_over_a_gap_is_counted_in_pairs_of_the_recording() -> None:

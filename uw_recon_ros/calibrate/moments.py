@@ -80,7 +80,9 @@ def do_not_belong(fit: Fit, pairs: Sequence[SeenPair], board: Board, size: tuple
     return alone < _DOUBTED_PX and (most_left_out or noise > _APART * alone)
 
 
-def find_shift(pairs: Sequence[SeenPair], board: Board, size: tuple[int, int]) -> Shift | None:
+def find_shift(
+    pairs: Sequence[SeenPair], board: Board, size: tuple[int, int], among: Sequence[SeenPair] = ()
+) -> Shift | None:
     """The shift at which pairs agree that do not as they came.
 
     Parameters
@@ -90,6 +92,8 @@ def find_shift(pairs: Sequence[SeenPair], board: Board, size: tuple[int, int]) -
     board : Board
     size : (width, height)
         Of both images, px.
+    among : sequence of SeenPair
+        More of the recording, in which a right picture may be found.
 
     Returns
     -------
@@ -100,7 +104,9 @@ def find_shift(pairs: Sequence[SeenPair], board: Board, size: tuple[int, int]) -
     if len(placed) < LEAST_PAIRS:
         return None
     numbers, points = guess_rig(placed, board.points(), size)[0], board.points()
-    shifted = {shift: [(match, _joined(match, board)) for match in matches] for shift, matches in _shifts(placed)}
+    shifted = {
+        shift: [(match, _joined(match, board)) for match in matches] for shift, matches in _shifts(placed, among)
+    }
     spreads = {shift: _spread(numbers, [pair for _, pair in made], points) for shift, made in shifted.items()}
     likeliest = sorted(spreads, key=lambda shift: spreads[shift])[:_TRIED]
     solved = [made for shift in likeliest if (made := _solved(shift, shifted[shift], board, size)) is not None]
@@ -119,9 +125,9 @@ def _solved(shift: int, made: Sequence[tuple[_Match, SeenPair]], board: Board, s
     return Shift(shift, left.name, right.name, len(found.pairs), len(made), found.bundle.noise_px)
 
 
-def _shifts(pairs: Sequence[SeenPair]) -> Iterator[tuple[int, list[_Match]]]:
+def _shifts(pairs: Sequence[SeenPair], among: Sequence[SeenPair]) -> Iterator[tuple[int, list[_Match]]]:
     """Each shift with what belongs together by it, where that is enough for a calibration."""
-    by_place = {pair.place: pair for pair in pairs}
+    by_place = {pair.place: pair for pair in (*among, *pairs)}
     for shift in (k for k in range(-_MOST_SHIFT, _MOST_SHIFT + 1) if k):
         later = [(pair, by_place.get((pair.place or 0) + shift)) for pair in pairs]
         matches = [(one, other) for one, other in later if other is not None and _see_the_same(one, other)]
