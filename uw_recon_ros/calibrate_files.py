@@ -46,7 +46,7 @@ from uw_recon_ros.recordings.sources import find_sources
 from uw_recon_ros.types import ByteImage, Matrix, StereoCalibration
 
 MEDIA = ("water", "air", "unknown")
-OTHER_MOMENTS = (Code.CALIBRATE_UNSYNCHRONISED, Code.CALIBRATE_TOO_FEW)  # where a shift is looked for
+_OTHER_MOMENTS = (Code.CALIBRATE_UNSYNCHRONISED, Code.CALIBRATE_TOO_FEW)  # where a shift is looked for
 _LOOKED_AT = 12  # pairs, to find a board's size or dictionary
 
 
@@ -301,7 +301,7 @@ def calibrate_frames(
 
 def calibrate_seen(
     boards: tuple[Sequence[SeenPair], Sequence[LeftOut], tuple[int, int]], board: Board, *, metric: bool = True,
-    medium: str = "unknown", ports: PortsAsked | None = None, lens: str = AUTO,
+    medium: str = "unknown", ports: PortsAsked | None = None, lens: str = AUTO, among: Sequence[SeenPair] = (),
 ) -> Result:  # fmt: skip
     """Calibrate a rig, or find the ports before one that was calibrated in air.
 
@@ -318,6 +318,8 @@ def calibrate_seen(
         The pictures were taken in water, and the ports are wanted.
     lens : {'auto', 'plumb_bob', 'equidistant'}
         See `calibrate.fit.solve`.
+    among : sequence of SeenPair
+        Not calibrated with: where pictures of another moment are looked for too.
 
     Raises
     ------
@@ -334,8 +336,8 @@ def calibrate_seen(
         result = _calibrated(different, board, size, metric, medium, ports, lens)
     except CalibrationError as error:
         _raise_if_turned(different, board, size)
-        if error.code in OTHER_MOMENTS:
-            raise_if_late(different, board, size, seen)
+        if error.code in _OTHER_MOMENTS:
+            _raise_if_late(different, board, size, (*among, *seen))
         rest = Counter(out.reason for out in (*unseen, *blurred, *same)).most_common(1)
         raise CalibrationError(f"{error}{f'; {rest[0][1]} pairs: {rest[0][0]}' if rest else ''}", error.code) from error
     return replace(result, left_out=(*unseen, *blurred, *same, *result.left_out))
@@ -379,9 +381,7 @@ def _raise_if_turned(pairs: Sequence[SeenPair], board: Board, size: tuple[int, i
         raise CalibrationError(text, Code.CALIBRATE_MIRRORED)
 
 
-def raise_if_late(
-    pairs: Sequence[SeenPair], board: Board, size: tuple[int, int], among: Sequence[SeenPair] = ()
-) -> None:
+def _raise_if_late(pairs: Sequence[SeenPair], board: Board, size: tuple[int, int], among: Sequence[SeenPair]) -> None:
     """Say so where pairs agree once the pictures of one camera are shifted; see `find_shift`."""
     shift = find_shift(pairs, board, size, among)
     if shift is not None:

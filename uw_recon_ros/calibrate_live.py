@@ -16,15 +16,7 @@ from uw_recon_ros.calibrate.bundle import SeenPair
 from uw_recon_ros.calibrate.coverage import covered, near_points
 from uw_recon_ros.calibrate.detect import Sighting, find_board
 from uw_recon_ros.calibrate.pair_selection import seen_before, unseen_reason
-from uw_recon_ros.calibrate_files import (
-    OTHER_MOMENTS,
-    BoardAsked,
-    Result,
-    Seen,
-    calibrate_seen,
-    made_board,
-    raise_if_late,
-)
+from uw_recon_ros.calibrate_files import BoardAsked, Result, Seen, calibrate_seen, made_board
 from uw_recon_ros.errors import CalibrationError
 from uw_recon_ros.findings import Code
 from uw_recon_ros.types import ByteImage, Mask
@@ -141,12 +133,7 @@ class LiveSession:
         if self.board is None or not pairs:
             raise CalibrationError("pairs of the board: got none yet", Code.CALIBRATE_NOT_SEEN)
         metric = self.asked.square_m > 0
-        try:
-            return calibrate_seen((pairs, [], self.size), self.board, metric=metric, medium=self.medium)
-        except CalibrationError as error:
-            if error.code in OTHER_MOMENTS:
-                raise_if_late(pairs, self.board, self.size, among)
-            raise
+        return calibrate_seen((pairs, [], self.size), self.board, metric=metric, medium=self.medium, among=among)
 
 
 def annotated(seen: Seen, looked: Looked, session: LiveSession) -> ByteImage:

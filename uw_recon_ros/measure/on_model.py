@@ -152,7 +152,7 @@ def _propagated(
     quantity: str, value: Callable[[Matrix], float], spots: Spots, points: Matrix, clicks: Matrix
 ) -> ModelMeasurement:
     """First-order propagation; slopes by differences."""
-    nearest = [_nearest(spots, point) for point in points]
+    nearest = [_nearest_on(spots, point) for point in points]
     slopes, step = np.zeros_like(points), 1e-4 * spots.spacing
     for k in np.ndindex(*points.shape):
         moved = np.zeros_like(points)
@@ -177,12 +177,19 @@ def _propagated(
 
 def on_surface(spots: Spots, point: Matrix) -> bool:
     """Whether a point, (3,) world less the origin, is near enough to the surface to be measured from."""
-    return bool(((spots.places - point) ** 2).sum(axis=1).min() <= (_BESIDE * spots.spacing) ** 2)
+    return _nearest(spots, point)[1]
 
 
-def _nearest(spots: Spots, point: Matrix) -> int:
-    best = int(((spots.places - point) ** 2).sum(axis=1).argmin())
-    if not on_surface(spots, point):
+def _nearest(spots: Spots, point: Matrix) -> tuple[int, bool]:
+    """Number of the nearest spot, and whether the point is near enough to be of this surface."""
+    squares = ((spots.places - point) ** 2).sum(axis=1)
+    best = int(squares.argmin())
+    return best, bool(squares[best] <= (_BESIDE * spots.spacing) ** 2)
+
+
+def _nearest_on(spots: Spots, point: Matrix) -> int:
+    best, near = _nearest(spots, point)
+    if not near:
         told = ", ".join(f"{x:g}" for x in point)
         raise EstimationError(f"({told}): expected a point on the model's surface, got none", Code.MEASURE_NO_DEPTH)
     return best
