@@ -19,6 +19,7 @@ from uw_recon_ros.files.images import write_image
 from uw_recon_ros.files.video_packets import library
 from uw_recon_ros.findings import Code
 from uw_recon_ros.recordings.clock_offset import find_clock
+from uw_recon_ros.recordings.info import inspect_recording
 from uw_recon_ros.recordings.layout import cut, find_layout
 from uw_recon_ros.recordings.options import Options
 from uw_recon_ros.recordings.recording import Recording
@@ -247,6 +248,22 @@ def test_folders_however_they_are_named(tmp_path: Path, left: str, right: str) -
             write_image(path, image)
     with Recording(tmp_path) as recording:
         right_pairs(recording, most=0.1)
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_the_two_folders_of_a_rig_are_one_recording(tmp_path: Path, order: int) -> None:
+    folders = [tmp_path / "links", tmp_path / "rechts"]
+    for folder, number in zip(folders, (0, 1), strict=True):
+        folder.mkdir()
+        for n, pair in enumerate(PAIRS):
+            write_image(folder / f"{n}.png", pair[number])
+    with Recording(folders[::order]) as recording:
+        right_pairs(recording, most=0.1)
+    (info,) = inspect_recording(folders[::order])
+    assert info.left
+    assert info.left.topic == str(Path(tmp_path.name, "links"))
+    assert info.right
+    assert info.right.topic == str(Path(tmp_path.name, "rechts"))
 
 
 def test_several_rigs_are_named_and_none_is_chosen(tmp_path: Path) -> None:

@@ -27,8 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what it takes."""
     parser.add_argument(
         "inputs", nargs="+", metavar="BAG",
-        help="rosbag2 bag (a folder, .mcap or .db3), a video, or a folder of stills; two videos or two bags of one "
-        "camera each are a left and a right one",
+        help="rosbag2 bag (a folder, .mcap or .db3), a video, or a folder of stills; two videos, two bags or two "
+        "folders of one camera each are a left and a right one",
     )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="one JSON object instead of the text")
     parser.add_argument(

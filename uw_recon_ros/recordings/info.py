@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable
 from contextlib import closing
 from dataclasses import dataclass, field, replace
@@ -261,7 +262,7 @@ def _of_files(source: Source, options: Options, rigs: Rigs, judge_pair: PairJudg
     except ReconError as error:
         return RecordingInfo(_shown(source), 0, 0, kind=source.kind, reasons=(str(error),))
     frames = listing.frames
-    sides = CameraImages(_place_of(source, 0), None), CameraImages(_place_of(source, 1), None)
+    sides = CameraImages(_place_of(source, 0, frames), None), CameraImages(_place_of(source, 1, frames), None)
     with closing(Reader([source], listing.calibrations)) as reader:
         looked = _look_at_stills(frames) if source.kind == "stills" else _look_at_video(source, frames, reader)
         for number, side in enumerate(sides):
@@ -278,11 +279,15 @@ def _of_files(source: Source, options: Options, rigs: Rigs, judge_pair: PairJudg
     return replace(judged, warnings=(*judged.warnings, *listing.notes))
 
 
-def _place_of(source: Source, side: int) -> str:
-    """Where the images of a camera are, for people."""
+def _place_of(source: Source, side: int, frames: list[Frame]) -> str:
+    """Where the images of a camera are, for people: a video, a folder, or the first file of a folder with both."""
     if source.kind == "video":
         return Path(source.other if side and source.other else source.path).name
-    return f"{source.name} ({('left', 'right')[side]})"
+    files = [[frame.left.name for frame in frames], [frame.right.name for frame in frames]]
+    folders = [os.path.commonpath([os.path.dirname(name) for name in names]) for names in files]
+    shown = files[side][0] if folders[0] == folders[1] else folders[side]
+    inside = os.path.relpath(shown, os.path.dirname(source.path))
+    return shown if inside.startswith(os.pardir) else inside
 
 
 def _key(place: Place) -> tuple[str, int]:

@@ -56,7 +56,7 @@ def find_sources(paths: Iterable[str | Path]) -> list[Source]:
     """Look at what each path is: a bag, a video, a folder of stills or videos, or a folder of any.
 
     Two videos given one after the other are a left and a right one unless their names tell otherwise, and so are two
-    bags with the images of one camera each.
+    bags with the images of one camera each. The two folders of a rig's stills are one recording, as their parent is.
 
     Raises
     ------
@@ -66,11 +66,23 @@ def find_sources(paths: Iterable[str | Path]) -> list[Source]:
     given = [Path(path) for path in paths]
     if len(given) == 2 and all(map(is_video, given)) and _may_be_a_pair(given[0].stem, given[1].stem):
         return [video_source(given[0], given[1])]
+    rig = _folder_of_both(given) if len(given) == 2 else None
+    if rig is not None:
+        return [Source("stills", str(rig), rig.name)]
     sources = [source for path in given for source in _sources_at(path)]
     if len(given) == 2 and len(sources) == 2 and all(map(_is_half, sources)):
         swapped = (side_of(given[0].stem), side_of(given[1].stem)) == (1, 0)
         return [_bag_pair(*(reversed(sources) if swapped else sources))]
     return sources
+
+
+def _folder_of_both(given: Sequence[Path]) -> Path | None:
+    """The folder in which two folders of stills are those of the rig's cameras."""
+    both = [path.absolute() for path in given]
+    if both[0].parent != both[1].parent or not all(path.is_dir() and _images_right_in(path) for path in both):
+        return None
+    folders, _ = camera_folders(both[0].parent)
+    return both[0].parent if folders is not None and set(folders) == set(both) else None
 
 
 def open_source(source: Source) -> BagReader:

@@ -152,7 +152,8 @@ def _layout_of(options: Options, name: str, images: Iterator[RawImage | str], no
     if layout == "separate" or options.layout == "separate":
         raise BagError(
             f"{name}: expected two cameras' images, or both views in one, got one camera's: name the other camera's "
-            f"file too, or say how both views lie, --layout {', '.join(LAYOUTS[1:-1])}", Code.RECORDING_ONE_CAMERA,
+            "video too, give the folder with left/ and right/ of stills, or say how both views lie, --layout "
+            f"{', '.join(LAYOUTS[1:-1])}", Code.RECORDING_ONE_CAMERA,
         )  # fmt: skip
     notes.append(f"{name}: both views in one image, {layout} (--layout says otherwise)")
     return layout
