@@ -1,12 +1,17 @@
 """Obstacles and range of simulated dives against the dives' truth.
 
 Usage: python test/benchmark/obstacles.py [--frames 10] [--size 640x480] [--output FILE.json]
+       python test/benchmark/obstacles.py --scenes ahead snow wreck surface lamps --waters 3C
 
-A rig that looks slightly down swims at things that lie on the bottom, in several waters; navigation's matcher. For each
-dive, over the sectors of all its frames:
+A rig that looks slightly down swims at things that lie on the bottom, in several waters; navigation's matcher. The
+dives of `OPEN_WATER` look into open water instead: level, into drifting particles, past a wreck, at the surface from
+below, at the lamps of others. For each dive, over the sectors of all its frames:
 
 - false: told nearer than the nearest true surface of that sector and its neighbours, up to 0.1 m above and below the
-  slice of heights, by more than 15 % and 0.1 m;
+  slice of heights, by more than 15 % and 0.1 m; in percent of the told sectors;
+- scans: how many hold a false sector, of how many; the sums below the table are also told by the minute at the rate of
+  the preset, as if each scan were as likely to be false as these;
+- silent: sectors that are unknown, in percent;
 - edge: told, and false only if the slice is taken exactly: surfaces up to 0.1 m outside it that noise lifted into it
   (the bottom, mostly). A rule that is lenient about heights shows here and not under false;
 - seen: of the sectors whose nearest true surface within the image is closer than 3 m, how many are told, within 15 %
@@ -41,7 +46,15 @@ from uw_recon_ros.types import StereoPair
 
 SCENES, WATERS = ("pipe", "amphora", "reef"), ("I", "3C", "7C")
 PITCH_DEG = 25.0
-MOUNT = MountParams(base_frame="base_link", camera_pitch_deg=PITCH_DEG)
+_DAY = {"lamp": 0.0, "daylight": 1.0}
+#: Dives that look up from the bottom, half of the view or more into water; as in ``open_water.py``.
+OPEN_WATER: dict[str, dict[str, Any]] = {
+    "ahead": {"scene": "reef", "look_up_deg": 25.0},
+    "snow": {"scene": "reef", "look_up_deg": 25.0, "snow_per_m3": 2500.0},
+    "wreck": {"scene": "wreck", "look_up_deg": 12.0, **_DAY},
+    "surface": {"scene": "amphora", "look_up_deg": 40.0, "surface_above": True, "water_depth_m": 3.0, **_DAY},
+    "lamps": {"scene": "amphora", "look_up_deg": 25.0, "other_lamps": 3},
+}
 PARAMS = ObstacleParams(
     obstacle_field_deg=60.0, obstacle_min_height_m=-0.45,
     range_axis="down", range_cone_deg=90.0,
@@ -50,7 +63,9 @@ NAVIGATION = Path(__file__).resolve().parents[2] / "config" / "navigation.yaml"
 NEAR_M, SHARE, SLACK_M = 3.0, 0.15, 0.1
 
 
-def true_sectors(depth: np.ndarray, geometry: Any, slack_m: float = 0.0) -> tuple[np.ndarray, float, np.ndarray]:
+def true_sectors(
+    depth: np.ndarray, geometry: Any, mount: MountParams, slack_m: float = 0.0
+) -> tuple[np.ndarray, float, np.ndarray]:
     """Nearest true surface by sector, in a slice higher and deeper by `slack_m`; the nearest one down; its pixels.
 
     The last are those of each sector that lie within `SHARE` of its nearest.
@@ -59,7 +74,7 @@ def true_sectors(depth: np.ndarray, geometry: Any, slack_m: float = 0.0) -> tupl
     v, u = np.mgrid[: depth.shape[0], : depth.shape[1]]
     rays = np.stack([(u - k[0, 2]) / k[0, 0], (v - k[1, 2]) / k[1, 1], np.ones(depth.shape)], axis=-1)
     optical = (rays * depth[..., None]) @ np.asarray(geometry.rect_from_raw_left)
-    base = (optical @ MOUNT.base_from_optical.T)[np.isfinite(depth)]
+    base = (optical @ mount.base_from_optical.T)[np.isfinite(depth)]
     down = -base[:, 2]
     in_cone = down > np.cos(np.deg2rad(PARAMS.range_cone_deg / 2)) * np.linalg.norm(base, axis=1)
     low, high = PARAMS.obstacle_min_height_m - slack_m, PARAMS.obstacle_max_height_m + slack_m
@@ -84,12 +99,14 @@ def too_near(sectors: np.ndarray, truth: np.ndarray) -> np.ndarray:
 
 def run(scene: str, water: str, frames: int, size: tuple[int, int], seed: int) -> dict[str, float]:
     """Errors of one dive."""
-    dive = Dive(SimulateParams(
-        scene=scene, water=water, frames=frames, pitch_deg=PITCH_DEG, distance_m=1.6, speed_m_s=0.2, rate_hz=2.0,
-        width=size[0], height=size[1], seed=seed,
-    ))  # fmt: skip
-    pipeline, find = Pipeline(PipelineParams.from_mapping(read_values(NAVIGATION))), FindObstacles(PARAMS, MOUNT)
-    false = edge = told = near = seen = thin = 0
+    params = SimulateParams(**{
+        "scene": scene, "water": water, "frames": frames, "pitch_deg": PITCH_DEG, "distance_m": 1.6, "speed_m_s": 0.2,
+        "rate_hz": 2.0, "width": size[0], "height": size[1], "seed": seed, **OPEN_WATER.get(scene, {}),
+    })  # fmt: skip
+    dive = Dive(params)
+    mount = MountParams(base_frame="base_link", camera_pitch_deg=params.pitch_deg - params.look_up_deg)
+    pipeline, find = Pipeline(PipelineParams.from_mapping(read_values(NAVIGATION))), FindObstacles(PARAMS, mount)
+    false = edge = told = near = seen = thin = sectors_all = scans_false = 0
     fewest = round(PARAMS.obstacle_min_share * size[0] * size[1])
     errors: list[float] = []
     for index in range(frames):
@@ -98,13 +115,15 @@ def run(scene: str, water: str, frames: int, size: tuple[int, int], seed: int) -
         products = pipeline(raw)
         depth = products.depth
         true_depth = dive.true_depth(index, depth.geometry, *size)
-        truth, below, pixels = true_sectors(true_depth, depth.geometry)
-        nearby, _, _ = true_sectors(true_depth, depth.geometry, SLACK_M)
+        truth, below, pixels = true_sectors(true_depth, depth.geometry, mount)
+        nearby, _, _ = true_sectors(true_depth, depth.geometry, mount, SLACK_M)
         around = find.look(depth, products.disparity)
         sectors = around.sectors().ranges
         told += int(np.isfinite(sectors).sum())
         wrong = too_near(sectors, nearby)
         false += int(wrong.sum())
+        scans_false += int(wrong.any())
+        sectors_all += len(sectors)
         edge += int((too_near(sectors, truth) & ~wrong).sum())
         close = truth < NEAR_M
         near += int(close.sum())
@@ -114,11 +133,33 @@ def run(scene: str, water: str, frames: int, size: tuple[int, int], seed: int) -
         down = around.along_axis()
         errors.append(abs(down.distance - below) / below if down is not None else np.nan)
     return {
-        "told": told, "false_percent": 100 * false / max(told, 1), "edge": edge,
+        "scans": frames, "scans_false": scans_false, "sectors": sectors_all, "told": told, "false": false, "edge": edge,
+        "silent_percent": 100 * (1 - told / sectors_all), "false_percent": 100 * false / max(told, 1),
         "near": near, "seen_percent": 100 * seen / max(near, 1), "thin": thin,
         "range_error_percent": float(100 * np.nanmedian(errors)) if np.isfinite(errors).any() else float("nan"),
         "no_range_percent": float(100 * np.isnan(errors).mean()),
     }  # fmt: skip
+
+
+def rates(table: dict[str, dict[str, float]]) -> str:
+    """What is false of all scans and sectors, and in a minute of dive at the preset's rate.
+
+    Where none is false, up to 3 / N of N may be (95 %), if they were independent.
+    """
+    scans, scans_false, sectors, told, false, near = (
+        sum(row[name] for row in table.values())
+        for name in ("scans", "scans_false", "sectors", "told", "false", "near")
+    )
+    seen = sum(row["near"] * row["seen_percent"] / 100 for row in table.values())
+    rate = read_values(NAVIGATION)["max_rate_hz"]
+    possible = "" if scans_false else f"; up to {300 / scans:.1f} % possible"
+    return (
+        f"false: {scans_false:.0f} of {scans:.0f} scans ({100 * scans_false / scans:.2f} %{possible}), "
+        f"{false:.0f} of {told:.0f} told and of {sectors:.0f} sectors ({100 * false / sectors:.3f} %)\n"
+        f"a minute at {rate:g} Hz: {60 * rate * scans_false / scans:.1f} of {60 * rate:.0f} scans with a false sector, "
+        f"{60 * rate * false / scans:.1f} of {60 * rate * sectors / scans:.0f} sectors\n"
+        f"seen: {seen:.0f} of {near:.0f} nearer than {NEAR_M:g} m ({100 * seen / max(near, 1):.1f} %)"
+    )
 
 
 def main() -> int:
@@ -127,21 +168,23 @@ def main() -> int:
     parser.add_argument("--frames", type=int, default=10)
     parser.add_argument("--size", default="640x480")
     parser.add_argument("--seed", type=int, default=3, help="of the dives; defaults were chosen on 3")
-    parser.add_argument("--scenes", nargs="+", default=SCENES)
+    parser.add_argument("--scenes", nargs="+", default=SCENES, choices=(*SCENES, *OPEN_WATER))
     parser.add_argument("--waters", nargs="+", default=WATERS)
     parser.add_argument("--output", type=Path)
     args = parser.parse_args()
     width, height = map(int, args.size.split("x"))
-    print("scene    water  told  false %  edge  near  seen %  thin  range err %  no range %")
+    print("scene    water  scans  silent %  told  false %  edge  near  seen %  thin  range err %  no range %")
     table = {}
     for scene, water in itertools.product(args.scenes, args.waters):
         row = table[f"{scene} {water}"] = run(scene, water, args.frames, (width, height), args.seed)
         print(
-            f"{scene:8} {water:5} {row['told']:5.0f} {row['false_percent']:8.2f} {row['edge']:5.0f} {row['near']:5.0f} "
+            f"{scene:8} {water:5} {row['scans_false']:2.0f}/{row['scans']:<3.0f} {row['silent_percent']:8.1f} "
+            f"{row['told']:5.0f} {row['false_percent']:8.2f} {row['edge']:5.0f} {row['near']:5.0f} "
             f"{row['seen_percent']:7.1f} {row['thin']:5.0f} "
             f"{row['range_error_percent']:12.2f} {row['no_range_percent']:11.1f}",
             flush=True,
         )
+    print(rates(table))
     if args.output:
         args.output.write_text(json.dumps(table, indent=1) + "\n")
     return 0

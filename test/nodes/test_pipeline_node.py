@@ -209,6 +209,7 @@ def test_diagnostics_say_everything_one_number_a_key(bench: Bench) -> None:
     numbers = {key: float(value) for key, value in said.items() if key.endswith(("[Hz]", "[s]")) or "dropped" in key}
     assert numbers["latency max [s]"] > AGE > numbers["work max [s]"] > 0
     assert numbers["dropped"] == numbers["dropped: no partner within tolerance"] == 1
+    assert said["obstacles"] == "not published: nobody listens to obstacles"
 
 
 @pytest.mark.parametrize("nodes", [FOUR, (PipelineNode,)])

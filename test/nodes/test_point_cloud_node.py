@@ -381,8 +381,45 @@ def test_an_autopilot_gets_nothing_without_its_frame_or_without_metres(bench: Be
     matcher.connect()
     matcher.send(5 * SECOND)
     bench.spin_until(lambda: clouds)
-    said = {pair.key: pair.value for pair in node.diagnostics.tick("x").values}
-    assert "base_frame" in said["obstacles"]
+    bench.spin_until(lambda: "base_frame" in said(node, "obstacles"))
+    assert said(node, "range") == "not published: nobody listens to range"
     matcher.send(6 * SECOND, metric=False)
     bench.spin_until(lambda: unscaled)
+    bench.spin_until(lambda: "no metric scale" in said(node, "obstacles"))
     assert scans == []
+
+
+def said(node: PointCloudNode, key: str) -> str:
+    return {pair.key: pair.value for pair in node.diagnostics.tick("x").values}.get(key, "")
+
+
+def test_what_silences_an_autopilot_is_told_before_a_frame_and_after(bench: Bench) -> None:
+    node = bench.start(
+        PointCloudNode, base_frame="base_link", obstacle_max_relative_sigma=0.2, range_axis="up", range_cone_deg=1.0,
+        stall_warning_s=1.0,
+    )  # fmt: skip
+    bench.spin_until(lambda: said(node, "obstacles") == "not published: nobody listens to obstacles")
+    scans, _ = bench.listen(LaserScan, "obstacles"), bench.listen(Range, "range")
+    matcher = Matcher(bench)
+    matcher.connect()
+    bench.spin_until(lambda: "no pair came through" in said(node, "obstacles"))
+    matcher.send(5 * SECOND)
+    bench.spin_until(lambda: scans)
+    bench.spin_until(lambda: "sectors told" in said(node, "obstacles"))
+    assert "nothing in the cone" in said(node, "range")
+    bench.spin_until(lambda: "no pair came through" in said(node, "range"))
+    node.trigger_deactivate()
+    bench.spin_until(lambda: "not active" in said(node, "obstacles"))
+
+
+def test_open_water_is_all_unknown_and_never_free(bench: Bench) -> None:
+    """REP 117: NaN is no measurement; infinity would say that nothing is there."""
+    node = bench.start(PointCloudNode, base_frame="base_link")
+    scans = bench.listen(LaserScan, "obstacles")
+    matcher = Matcher(bench)
+    matcher.connect()
+    nothing = messages.image_message(np.full((HEIGHT, WIDTH), np.nan, np.float32), messages.header(SECOND, FRAME))
+    matcher.send(SECOND, disparity=DisparityImage(header=nothing.header, image=nothing, max_disparity=32.0))
+    bench.spin_until(lambda: scans)
+    assert np.isnan(scans[0].ranges).all()
+    bench.spin_until(lambda: "all sectors unknown: no depth" in said(node, "obstacles"))

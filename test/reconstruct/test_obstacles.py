@@ -18,7 +18,7 @@ from uw_recon_ros.reconstruct.obstacles import (
     nearest_agreed,
     nearest_with_neighbors,
 )
-from uw_recon_ros.types import DepthMap, DisparityMap, StereoGeometry
+from uw_recon_ros.types import DepthMap, DisparityMap, Status, StereoGeometry
 
 WIDTH, HEIGHT, FOCAL = 160, 120, 100.0
 GEOMETRY = StereoGeometry(FOCAL, WIDTH / 2, WIDTH / 2, HEIGHT / 2, 0.1)
@@ -120,6 +120,61 @@ def test_a_corner_of_a_thing_is_told_with_the_rest_of_it_in_the_next_sector(besi
     assert np.isnan(right)
     assert np.isfinite(ahead) == told
     assert np.isfinite(left) == np.isfinite(beside)
+
+
+Silent = tuple[DepthMap, DisparityMap | None, dict[str, object]]
+
+
+def silent(cause: str) -> Silent:
+    """A wall ahead that is silent for one cause alone."""
+    depth, params = depth_map(wall(2.0)), dict[str, object]()
+    given = disparities(depth)
+    if cause == "open water":
+        depth = replace(depth_map(wall(np.nan)), status=np.full((HEIGHT, WIDTH), Status.LOW_TEXTURE, np.uint8))
+    elif cause == "disagree":
+        depth = replace(depth_map(wall(np.nan)), status=np.full((HEIGHT, WIDTH), Status.INCONSISTENT, np.uint8))
+    elif cause == "low certainty":
+        depth = depth_map(wall(2.0), sigma=0.2)
+    elif cause == "near limit of the search":
+        given = disparities(depth, max_disparity=6)
+    elif cause == "low confidence":
+        given = disparities(depth, confidence=np.full((HEIGHT, WIDTH), 0.5, np.float32))
+    elif cause == "out of limits":
+        depth = depth_map(wall(40.0), sigma=0.1)
+    elif cause == "nothing in the":
+        params = {"obstacle_min_height_m": 5.0, "obstacle_max_height_m": 6.0, "range_axis": "down"}
+    else:
+        rows = np.geomspace(1.0, 15.0, HEIGHT * WIDTH).reshape(HEIGHT, WIDTH)
+        depth, params = depth_map(rows, sigma=0.001), {"obstacle_min_share": 0.1, "range_cone_deg": 60.0}
+        assert cause == "no agreement"
+    return depth, given, params
+
+
+CAUSES = (
+    "open water", "disagree", "low certainty", "near limit of the search", "low confidence", "out of limits",
+    "nothing in the", "no agreement",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("cause", CAUSES)
+def test_why_nothing_is_told_is_told(cause: str) -> None:
+    depth, given, params = silent(cause)
+    around = finder(**params).look(depth, given)
+    assert np.isnan(around.sectors().ranges).all()
+    assert around.along_axis() is None
+    for text in (around.why_no_sector(), around.why_no_range()):
+        assert [other for other in CAUSES if other in text] == [cause]
+        assert "\n" not in text
+
+
+@given(st.floats(-3, 3), st.floats(-3, 3), st.floats(0.02, 30.0), st.floats(-60, 90))
+def test_a_told_distance_is_within_the_limits_that_are_told(x: float, y: float, away: float, pitch: float) -> None:
+    """A consumer throws away what is not, or takes it for free."""
+    mount = {"camera_x_m": x, "camera_y_m": y, "camera_pitch_deg": pitch}
+    field = {"obstacle_field_deg": 360.0, "obstacle_min_height_m": -50.0, "obstacle_max_height_m": 50.0}
+    sectors = finder(**field, **mount).look(depth_map(wall(away), sigma=1e-4)).sectors()
+    told = sectors.ranges[~np.isnan(sectors.ranges)]
+    assert ((told >= sectors.min_range) & (told <= sectors.max_range)).all()
 
 
 def test_what_is_unlikely_tells_nothing() -> None:

@@ -20,6 +20,7 @@ from uw_recon_ros.preprocess.stage import PreprocessParams
 from uw_recon_ros.reconstruct.obstacles import FindObstacles, ObstacleParams
 from uw_recon_ros.reconstruct.stage import TEXTURES, Reconstruct, ReconstructParams
 from uw_recon_ros.rectify.stage import RectifyParams
+from uw_recon_ros.ros.autopilot_report import AutopilotReport
 from uw_recon_ros.ros.message_groups import Group
 from uw_recon_ros.ros.node import StageNode
 from uw_recon_ros.ros.node_matcher import NodeMatcher
@@ -57,6 +58,7 @@ class PipelineNode(StageNode[NodeStages]):
         own = (CameraParams, DisparityMessageParams, RateParams)
         stages = (PreprocessParams, RectifyParams, MatchParams, ReconstructParams, ObstacleParams, MountParams)
         super().__init__("pipeline_node", classes=(*own, *stages), inputs=INPUTS, outputs=OUTPUTS, **options)
+        self._autopilot = AutopilotReport(self.diagnostics)
 
     def build(self, params: ParameterSet) -> NodeStages:
         """Make the stages; a rig already known is forgotten only when rectification changes."""
@@ -111,8 +113,12 @@ class PipelineNode(StageNode[NodeStages]):
         disparity_node.report_disparity(self.diagnostics, disparity)
         disparity_node.publish_disparity(outputs, disparity, stage.match.spent, stage.params[DisparityMessageParams])
         point_cloud_node.publish_reconstruction(
-            outputs, self.diagnostics, stage.reconstruct, stage.obstacles, disparity, left
+            outputs, self.diagnostics, self._autopilot, stage.reconstruct, stage.obstacles, disparity, left
         )
+
+    def say_unasked(self, outputs: Outputs) -> None:
+        """Say why obstacles and range are silent, where no frame does."""
+        self._autopilot.say(outputs, self.inputs.stall_s)
 
 
 def main(args: Sequence[str] | None = None) -> int:

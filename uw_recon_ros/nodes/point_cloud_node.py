@@ -23,11 +23,15 @@ import sys
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from uw_recon_ros.calibration.judge import judge_depths
 from uw_recon_ros.camera_mount import MountParams
 from uw_recon_ros.node_params import CloudParams, DisparityMessageParams
 from uw_recon_ros.reconstruct.obstacles import FindObstacles, ObstacleParams
 from uw_recon_ros.reconstruct.stage import TEXTURES, Reconstruct, ReconstructParams
+from uw_recon_ros.ros.autopilot_report import TOPICS as FOR_AUTOPILOTS
+from uw_recon_ros.ros.autopilot_report import AutopilotReport
 from uw_recon_ros.ros.declared_topics import Input, input_topic, outputs_of
 from uw_recon_ros.ros.diagnostics import Diagnostics
 from uw_recon_ros.ros.geometry import check_size, geometry_from_infos
@@ -58,11 +62,14 @@ INPUTS = (
     Input("disparity", (input_topic("disparity"),)),
 )
 METRIC = tuple(topic.name for topic in published_by("point_cloud_node") if topic.metric)
-FOR_AUTOPILOTS = ("obstacles", "range")
 COLORED = ("points2", "points2_filtered", "points_unscaled", "surface")
 UNSCALED = "points_unscaled"
 OUTPUTS = outputs_of("point_cloud_node")
 _NO_SCALE = f"metric scale unknown: {UNSCALED} instead of depth and points2 (calibrate, or set baseline_m and focal_px)"
+_NO_METRES = (
+    "not published: no metric scale, the rig is not calibrated or metres are withheld; why stands in the diagnostics "
+    "of what rectifies, under rectification, uncalibrated and codes"
+)
 _NO_BASE = (
     "not published: expected base_frame, got none; set it and where the left camera sits in it (camera_x_m to "
     "camera_yaw_deg)"
@@ -85,28 +92,40 @@ def obstacle_finder(params: ParameterSet) -> FindObstacles:
 
 
 def publish_obstacles(
-    outputs: Outputs, diagnostics: Diagnostics, find: FindObstacles, depth: DepthMap, disparity: DisparityMap
+    outputs: Outputs, report: AutopilotReport, find: FindObstacles, depth: DepthMap, disparity: DisparityMap
 ) -> None:
     """Tell an autopilot of what is trusted, and of nothing else."""
     if not outputs.wanted(*FOR_AUTOPILOTS):
         return
-    placed = bool(find.mount.base_frame)
-    diagnostics.say(obstacles="published" if placed else _NO_BASE)  # no warning: recorders listen to everything
-    if placed:
-        around = find.look(depth, disparity)
-        outputs.send("obstacles", lambda: scan_message(around.sectors()))
-        if outputs.wanted("range") and (seen := around.along_axis()) is not None:
+    if not find.mount.base_frame:
+        report.frame(obstacles=_NO_BASE, range=_NO_BASE)  # no warning: recorders listen to everything
+        return
+    around, told = find.look(depth, disparity), {}
+    if outputs.wanted("obstacles"):
+        sectors = around.sectors()
+        known = int(np.count_nonzero(np.isfinite(sectors.ranges)))
+        told["obstacles"] = f"{known} of {len(sectors.ranges)} sectors told, the others unknown"
+        if not known:
+            told["obstacles"] = f"all sectors unknown: {around.why_no_sector()}"
+        outputs.send("obstacles", lambda: scan_message(sectors))
+    if outputs.wanted("range"):
+        seen = around.along_axis()
+        told["range"] = "told" if seen is not None else f"silent: {around.why_no_range()}"
+        if seen is not None:
             outputs.send("range", lambda: range_message(seen))
+    report.frame(**told)
 
 
 def publish_reconstruction(
-    outputs: Outputs, diagnostics: Diagnostics, stage: Reconstruct, find: FindObstacles,
+    outputs: Outputs, diagnostics: Diagnostics, report: AutopilotReport, stage: Reconstruct, find: FindObstacles,
     disparity: DisparityMap, left: ByteImage | None,
 ) -> None:  # fmt: skip
     """Compute what is listened to, and publish it: metres only where they are true; in colour only with `left`."""
     metric = disparity.geometry.metric
     diagnostics.say(scale="metric" if metric else "unknown")
     diagnostics.problem("scale", None if metric else _NO_SCALE)
+    if not metric:
+        report.frame(obstacles=_NO_METRES, range=_NO_METRES)
     if not outputs.wanted("surface", *(METRIC if metric else (UNSCALED,))):
         return
     depth = stage.depth(disparity)
@@ -120,7 +139,7 @@ def publish_reconstruction(
             cloud = stage.cloud(depth, left, normals=False)
             outputs.send("points2", lambda: cloud_message(cloud))
             outputs.send("points2_filtered", lambda: cloud_message(stage.thin(cloud)))
-        publish_obstacles(outputs, diagnostics, find, depth, disparity)
+        publish_obstacles(outputs, report, find, depth, disparity)
     elif left is not None:
         outputs.send(UNSCALED, lambda: cloud_message(stage.cloud(depth, left, normals=False)))
     if left is not None:
@@ -133,6 +152,7 @@ class PointCloudNode(StageNode[CloudStage]):
     def __init__(self, **options: Any) -> None:
         classes = (DisparityMessageParams, CloudParams, ReconstructParams, ObstacleParams, MountParams)
         super().__init__("point_cloud_node", classes=classes, inputs=INPUTS, outputs=OUTPUTS, **options)
+        self._autopilot = AutopilotReport(self.diagnostics)
 
     def build(self, params: ParameterSet) -> CloudStage:
         """Make the stage."""
@@ -162,8 +182,14 @@ class PointCloudNode(StageNode[CloudStage]):
         if left is not None:
             expect_size("rectified left image", left, disparity.disparity)
         check_size(group["left_info"], disparity.disparity.shape)
-        publish_reconstruction(outputs, self.diagnostics, stage.reconstruct, stage.obstacles, disparity, left)
+        publish_reconstruction(
+            outputs, self.diagnostics, self._autopilot, stage.reconstruct, stage.obstacles, disparity, left
+        )
         return disparity.stamp_ns
+
+    def say_unasked(self, outputs: Outputs) -> None:
+        """Say why obstacles and range are silent, where no frame does."""
+        self._autopilot.say(outputs, self.inputs.stall_s)
 
 
 def main(args: Sequence[str] | None = None) -> int:

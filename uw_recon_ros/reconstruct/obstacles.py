@@ -1,10 +1,12 @@
 """What an autopilot understands: the nearest trusted surface in each direction, and the distance along one axis.
 
-Both are silent rather than wrong: a direction in which no trusted surface was seen is unknown, not free.
+Both are silent rather than wrong: a direction in which no trusted surface was seen is unknown, not free. Why they are
+silent can be asked.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,11 +15,34 @@ from numpy.typing import NDArray
 from uw_recon_ros.camera_mount import MountParams
 from uw_recon_ros.params import Params, param
 from uw_recon_ros.reconstruct.triangulation import points_from_depth
-from uw_recon_ros.types import AxisRange, DepthMap, DisparityMap, Mask, Sectors
+from uw_recon_ros.types import AxisRange, ByteImage, DepthMap, DisparityMap, Mask, Sectors, Status
 
 _AXES = {"forward": (1.0, 0.0, 0.0), "down": (0.0, 0.0, -1.0), "up": (0.0, 0.0, 1.0)}
 
 Floats = NDArray[np.float64]
+
+#: What a pixel must be to be told of, in this order, and what it means where hardly any is.
+_WITH_DEPTH, _CERTAIN, _OFF_LIMIT, _LIKELY = "with depth", "certain", "off the limit of the search", "likely"
+_WITHIN, _IN_SLICE, _IN_CONE, _AGREEING = "within limits", "in the slice", "in the cone", "agreeing"
+_LACKS = {
+    _WITH_DEPTH: "no depth, mostly for {reason}",
+    _CERTAIN: "low certainty: sigma over obstacle_max_relative_sigma (far away for this baseline, or little texture)",
+    _OFF_LIMIT: "at the near limit of the search: nearer than f B / max_disparity, or water that shows nothing",
+    _LIKELY: "low confidence: under obstacle_min_confidence",
+    _WITHIN: "out of limits: nearer than cloud_min_range or further than cloud_max_range",
+    _IN_SLICE: "nothing in the fan: it lies outside obstacle_field_deg, or above or below the obstacle heights",
+    _IN_CONE: "nothing in the cone: it lies outside range_cone_deg about range_axis",
+    _AGREEING: "no agreement: too few pixels at one distance, see obstacle_min_share",
+}
+_NO_DEPTH = {
+    Status.LOW_TEXTURE: "open water, or surfaces without texture",
+    Status.INCONSISTENT: "cameras that disagree",
+    Status.OCCLUDED: "being seen by the left camera only",
+    Status.OUTSIDE: "being seen by the left camera only",
+    Status.OUT_OF_RANGE: "limits: min_disparity, max_disparity or max_relative_sigma",
+    Status.UNSEEN: "images that show no scene",
+    Status.FILTERED: "speckles",
+}
 
 
 @dataclass(frozen=True)
@@ -86,6 +111,11 @@ class ObstacleScan:
         m; what may be told.
     stamp_ns : int
     params : ObstacleParams
+    mount : MountParams
+    left : mapping of str to int
+        Pixels that were left after each rule, in order.
+    status : (H, W) uint8
+        `Status` bits of the depth map.
     """
 
     offsets: Floats
@@ -96,29 +126,26 @@ class ObstacleScan:
     stamp_ns: int
     params: ObstacleParams
     mount: MountParams
+    left: Mapping[str, int]
+    status: ByteImage
 
     def sectors(self) -> Sectors:
-        """The nearest trusted surface in each sector."""
-        p = self.params
-        points = self.offsets + self.mount.place
-        points = points[(points[:, 2] >= p.obstacle_min_height_m) & (points[:, 2] <= p.obstacle_max_height_m)]
-        number = round(p.obstacle_field_deg / p.obstacle_sector_deg)
-        step = np.deg2rad(p.obstacle_field_deg) / number
-        first = -np.deg2rad(p.obstacle_field_deg) / 2
-        clockwise = p.obstacle_axes == "frd"
-        bearing = np.arctan2(-points[:, 1] if clockwise else points[:, 1], points[:, 0])
-        sector = np.floor((bearing - first) / step).astype(np.int64)
-        flat = np.hypot(points[:, 0], points[:, 1])
-        ranges = nearest_with_neighbors(flat, sector, number, self.fewest)
-        frame = self.mount.base_frame + "_frd" if clockwise else self.mount.base_frame
-        return Sectors(ranges, first + step / 2, step, self.min_range, self.max_range, self.stamp_ns, frame)
+        """The nearest trusted surface in each sector.
+
+        A distance from the base can be shorter than `min_range`, which is from the camera, or longer than
+        `max_range`: the limits of the sectors are so wide that nobody throws a told one away.
+        """
+        flat, sector = self._slice()
+        step, first = np.deg2rad(self.params.obstacle_field_deg) / self._number, self._first
+        ranges = nearest_with_neighbors(flat, sector, self._number, self.fewest)
+        furthest = self.max_range + float(np.hypot(*self.mount.place[:2]))
+        frame = self.mount.base_frame + "_frd" if self._clockwise else self.mount.base_frame
+        return Sectors(ranges, first + step / 2, step, 0.0, furthest, self.stamp_ns, frame)
 
     def along_axis(self) -> AxisRange | None:
         """The distance along the axis; None where nothing trusted lies in the cone."""
-        p = self.params
-        along = self.offsets @ np.array(_AXES[p.range_axis])
-        cone = np.deg2rad(p.range_cone_deg)
-        inside = along > np.cos(cone / 2) * np.linalg.norm(self.offsets, axis=1)
+        along, inside = self._cone()
+        cone = np.deg2rad(self.params.range_cone_deg)
         along, sigma = along[inside], self.sigma[inside]
         (nearest,) = nearest_agreed(along, np.zeros(len(along), np.int64), 1, self.fewest)
         if not np.isfinite(nearest):
@@ -128,6 +155,54 @@ class ObstacleScan:
             float(nearest), float(np.median(sigma[agreeing])), float(cone), self.min_range, self.max_range,
             self.stamp_ns, self.mount.base_frame,
         )  # fmt: skip
+
+    def why_no_sector(self) -> str:
+        """In a line, what the pixels lack where no sector is told."""
+        _, sector = self._slice()
+        return self._why(_IN_SLICE, int(np.count_nonzero((sector >= 0) & (sector < self._number))))
+
+    def why_no_range(self) -> str:
+        """In a line, what the pixels lack where no distance is told along the axis."""
+        return self._why(_IN_CONE, int(np.count_nonzero(self._cone()[1])))
+
+    @property
+    def _number(self) -> int:
+        return round(self.params.obstacle_field_deg / self.params.obstacle_sector_deg)
+
+    @property
+    def _first(self) -> float:
+        return float(-np.deg2rad(self.params.obstacle_field_deg) / 2)
+
+    @property
+    def _clockwise(self) -> bool:
+        return self.params.obstacle_axes == "frd"
+
+    def _slice(self) -> tuple[Floats, NDArray[np.int64]]:
+        """What lies in the slice of heights: horizontal distance from the base, and number of the sector."""
+        p = self.params
+        points = self.offsets + self.mount.place
+        points = points[(points[:, 2] >= p.obstacle_min_height_m) & (points[:, 2] <= p.obstacle_max_height_m)]
+        step = np.deg2rad(p.obstacle_field_deg) / self._number
+        bearing = np.arctan2(-points[:, 1] if self._clockwise else points[:, 1], points[:, 0])
+        return np.hypot(points[:, 0], points[:, 1]), np.floor((bearing - self._first) / step).astype(np.int64)
+
+    def _cone(self) -> tuple[Floats, Mask]:
+        """Distances along the axis, and which of them lie in its cone."""
+        along = self.offsets @ np.array(_AXES[self.params.range_axis])
+        half = np.deg2rad(self.params.range_cone_deg) / 2
+        return along, np.asarray(along > np.cos(half) * np.linalg.norm(self.offsets, axis=1))
+
+    def _why(self, place: str, number: int) -> str:
+        left = {**self.left, place: number}
+        lack = next((rule for rule, pixels in left.items() if pixels < self.fewest), _AGREEING)
+        text = _LACKS[lack].format(reason=_commonest(self.status))
+        return f"{text} (pixels: {', '.join(f'{n} {rule}' for rule, n in left.items())}; {self.fewest} must agree)"
+
+
+def _commonest(status: ByteImage) -> str:
+    """Why most pixels have no depth, in words."""
+    numbers = {bit: np.count_nonzero(status & bit) for bit in _NO_DEPTH}
+    return _NO_DEPTH[max(numbers, key=lambda bit: numbers[bit])]
 
 
 @dataclass(frozen=True)
@@ -164,19 +239,30 @@ class FindObstacles:
         """
         if not depth.geometry.metric:
             raise ValueError("obstacles and range: expected a metric depth map, got one of unknown scale")
-        p = self.params
+        p, left = self.params, dict[str, int]()
         with np.errstate(invalid="ignore"):
-            trusted = depth.sigma <= np.float32(p.obstacle_max_relative_sigma) * depth.depth
-            trusted &= _within_search(disparity)
+            rules = {
+                _WITH_DEPTH: np.isfinite(depth.depth),
+                _CERTAIN: depth.sigma <= np.float32(p.obstacle_max_relative_sigma) * depth.depth,
+                _OFF_LIMIT: _within_search(disparity),
+            }
             if disparity.confidence is not None:
-                trusted &= disparity.confidence >= np.float32(p.obstacle_min_confidence)
+                rules[_LIKELY] = disparity.confidence >= np.float32(p.obstacle_min_confidence)
+        trusted = np.ones(depth.depth.shape, np.bool_)
+        for rule, held in rules.items():
+            trusted &= held
+            left[rule] = int(np.count_nonzero(trusted))
         points = points_from_depth(depth.depth, depth.geometry)[trusted].astype(np.float64)
         lengths = np.linalg.norm(points, axis=1)
         near = (lengths >= self.min_range) & (lengths <= self.max_range)
         along_ray = depth.sigma[trusted][near] / depth.depth[trusted][near] * lengths[near]
         fewest = max(1, round(p.obstacle_min_share * depth.depth.size))
         offsets = points[near] @ self.mount.base_from_optical.T
-        return ObstacleScan(offsets, along_ray, fewest, self.min_range, self.max_range, depth.stamp_ns, p, self.mount)
+        left[_WITHIN] = len(offsets)
+        return ObstacleScan(
+            offsets, along_ray, fewest, self.min_range, self.max_range, depth.stamp_ns, p, self.mount, left,
+            depth.status,
+        )  # fmt: skip
 
 
 #: px from the near limit of the search: what would be nearer lands there, and so does water that shows nothing.

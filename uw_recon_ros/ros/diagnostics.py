@@ -17,6 +17,7 @@ ten seconds, spreads are of the last fifty frames, numbers of drops since the st
 | ``work [s]``, ``work p95 [s]``, ``work max [s]`` | time a frame was worked on: median, 95th percentile, most |
 | ``effort`` | of the matcher, spent on the last frame |
 | ``target [Hz]``, ``possible [Hz]`` | ``target_rate_hz``, where set, and the rate that the last frame's work allows |
+| ``obstacles``, ``range`` | what was told on them last, or the cause of their silence |
 | ``latency [s]``, ``latency p95 [s]``, ``latency max [s]`` | from the stamp of the left image to the end of the work |
 
 Beside these stand facts of the last frame and settings in use (``effort``, ``density``, ``row_error_median_px``, ...)

@@ -132,6 +132,9 @@ class StageNode(ManagedNode, Generic[S]):
     def adapt_to_listeners(self, outputs: Outputs) -> None:
         """Adapt the inputs to what is listened to. Overridden where some outputs need fewer of them."""
 
+    def say_unasked(self, outputs: Outputs) -> None:
+        """Say in the diagnostics what no frame tells. Once a second; overridden where there is something."""
+
     @property
     def stage(self) -> S | None:
         """What `build` made last; None while unconfigured."""

@@ -9,6 +9,7 @@ from rclpy.clock import Clock, ClockType
 
 from uw_recon_ros.ros.diagnostics import Diagnostics
 from uw_recon_ros.ros.inputs import Inputs
+from uw_recon_ros.ros.outputs import Outputs
 from uw_recon_ros.ros.qos import profile
 from uw_recon_ros.ros.session import NodeSession
 
@@ -29,6 +30,9 @@ class Reported(Protocol):
     @property
     def state(self) -> str:
         """Of the lifecycle."""
+
+    def say_unasked(self, outputs: Outputs) -> None:
+        """Say what no frame tells."""
 
 
 class Reporter:
@@ -55,6 +59,7 @@ class Reporter:
             node.diagnostics.say(warm_up="running" if warming else "done")
             if (news := session.warm_up.news()) is not None:
                 ros.get_logger().info(news)
+            node.say_unasked(session.outputs)
         node.diagnostics.connect(node.inputs.publishers(), listeners)
         note = "warming up: compiling" if warming else ""
         status = node.diagnostics.tick(ros.get_fully_qualified_name(), node.state, note, node.trouble, busy=busy)
