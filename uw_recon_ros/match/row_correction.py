@@ -118,7 +118,7 @@ def mend_rows(left: ByteImage, right: ByteImage, low: int, high: int, threads: i
         start = begin(left, mended, low, high, threads)
         seen = _measured(corners, start, even, _even(mended))
         if len(seen.offsets) < LOST * len(corners):
-            half = _half_size(left, mended, low, high, threads)
+            half = start.half or _half_size(left, mended, low, high, threads)
             seen = max(seen, _measured(corners, half, even, _even(mended)), key=lambda s: len(s.offsets))
         if len(seen.offsets) < FEWEST:
             offset = replace(offset, points=len(seen.offsets))

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from uw_recon_ros.jit import kernel
 from uw_recon_ros.match.planes.census import Words
+from uw_recon_ros.match.planes.search_band import Band, Labels
 from uw_recon_ros.types import ByteImage
 
 Volume = NDArray[np.uint8]
@@ -24,6 +25,7 @@ def fill_costs(
     right_color: ByteImage,
     low: int,
     labels: int,
+    band: Band,
     first: int,
     last: int,
     costs: Volume,
@@ -31,33 +33,38 @@ def fill_costs(
     """Write the costs of rows `first` to `last`, averaged over 3x3 pixels; the volume is continued at its border.
 
     `right` and `right_color` run from right to left, so that rising disparities lie side by side in memory. Colours
-    are (C, H, W), C = 1 or 3. `costs` is flat: voxel (v, u, d) at ``(v W + u) labels + d - low``.
+    are (C, H, W), C = 1 or 3. `costs` is flat: label k of a pixel at ``(v W + u) band.labels + k``, of disparity
+    ``low + band.first[v, u] + k``.
     """
     height, width = left.shape
     n = width * labels
-    rows, sums = np.empty((3, n), np.uint8), np.empty(n, np.int16)
+    written = width * band.labels
+    rows, sums = np.zeros((3, n), np.uint8), np.empty(n, np.int16)
     for v in range(max(first - 1, 0), first + 1):
-        _row_costs(left[v], right[v], left_color[:, v], right_color[:, v], low, labels, rows[v % 3])
+        needed = band.lowest[v], band.end[v]
+        _row_costs(left[v], right[v], left_color[:, v], right_color[:, v], low, labels, *needed, rows[v % 3])
     for v in range(first, last):
         above, below = max(v - 1, 0), min(v + 1, height - 1)
         if below > v:
-            words = left[below], right[below]
-            _row_costs(*words, left_color[:, below], right_color[:, below], low, labels, rows[below % 3])
-        _mean(rows[above % 3], rows[v % 3], rows[below % 3], labels, sums, costs[v * n : (v + 1) * n])
+            words, needed = (left[below], right[below]), (band.lowest[below], band.end[below])
+            _row_costs(*words, left_color[:, below], right_color[:, below], low, labels, *needed, rows[below % 3])
+        mean = costs[v * written : (v + 1) * written]
+        _mean(rows[above % 3], rows[v % 3], rows[below % 3], labels, sums, band.first[v], band.labels, mean)
 
 
 @kernel(allocates=False)
 def _row_costs(
-    left: Words, right: Words, left_color: ByteImage, right_color: ByteImage, low: int, labels: int, costs: Volume
-) -> None:
+    left: Words, right: Words, left_color: ByteImage, right_color: ByteImage, low: int, labels: int,
+    lowest: Labels, end: Labels, costs: Volume,
+) -> None:  # fmt: skip
     width = left.size
     channels = left_color.shape[0]
     weight = np.int16(COLOR_WEIGHT if channels == 3 else 3 * COLOR_WEIGHT)
     cut = np.int16(COLOR_CUT if channels == 3 else COLOR_CUT // 3)
     for u in range(width):
-        start, stop = max(0, u - low - (width - 1)), min(labels, u - low + 1)
+        start, stop = max(int(lowest[u]), u - low - (width - 1)), min(int(end[u]), u - low + 1)
         voxels = costs[u * labels : (u + 1) * labels]
-        for k in range(labels):
+        for k in range(int(lowest[u]), int(end[u])):
             voxels[k] = OUTSIDE
         if stop <= start:
             continue
@@ -100,15 +107,19 @@ def _gray_costs(pixel: np.int16, others: ByteImage, weight: np.int16, cut: np.in
 
 
 @kernel(inline=True, allocates=False, apart=True)
-def _mean(above: Volume, here: Volume, below: Volume, labels: int, sums: NDArray[np.int16], mean: Volume) -> None:
-    """Write the mean over 3x3 pixels of three rows."""
+def _mean(
+    above: Volume, here: Volume, below: Volume, labels: int, sums: NDArray[np.int16],
+    first: Labels, wanted: int, mean: Volume,
+) -> None:  # fmt: skip
+    """Write the mean over 3x3 pixels of three rows: of each pixel, `wanted` labels from its first on."""
     width = here.size // labels
     for i in range(here.size):
         sums[i] = np.int16(np.int16(above[i]) + np.int16(here[i]) + np.int16(below[i]))
     for u in range(width):
-        x, z = max(u - 1, 0) * labels, min(u + 1, width - 1) * labels
-        left, centre, right = sums[x : x + labels], sums[u * labels : (u + 1) * labels], sums[z : z + labels]
-        out = mean[u * labels : (u + 1) * labels]
-        for k in range(labels):
+        k0 = int(first[u])
+        x, y, z = max(u - 1, 0) * labels + k0, u * labels + k0, min(u + 1, width - 1) * labels + k0
+        left, centre, right = sums[x : x + wanted], sums[y : y + wanted], sums[z : z + wanted]
+        out = mean[u * wanted : (u + 1) * wanted]
+        for k in range(wanted):
             total = np.int32(np.int16(left[k] + np.int16(centre[k] + right[k])))
             out[k] = np.uint8((total * np.int32(7282)) >> np.int32(16))  # a ninth

@@ -9,14 +9,18 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
+from uw_recon_ros.masks import only_where
 from uw_recon_ros.match.planes import semiglobal
 from uw_recon_ros.match.planes.brightness import SHRINK, brightened, brightness_between
 from uw_recon_ros.match.planes.gray import Gray, gray_pair
-from uw_recon_ros.match.planes.left_right_check import left_right_check
+from uw_recon_ros.match.planes.left_right_check import fill_background, left_right_check
 from uw_recon_ros.match.planes.thread_pool import row_bands, run_parallel
 from uw_recon_ros.types import ByteImage, FloatImage, Mask
 
 VOXEL_BYTES, MOST_BYTES = 3, 0.6e9  #: of the start's cost volume, and what it may take before images are made smaller
+#: Voxels, and labels, from which on images of half the size are matched first and say where to search.
+GUIDED, GUIDED_LABELS = 40e6, 64
+ALONE = 5  #: side of the window whose median guides: what is alone in it is no surface, px of these
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,11 +71,14 @@ class Beginning(NamedTuple):
         Left view, px; never NaN.
     status : (H, W) uint8
         `Status` bits; 0 where both views agree.
+    half : Beginning or None
+        Of images of half the size, where it was made on the way.
     """
 
     images: tuple[View, View]
     disparity: FloatImage
     status: ByteImage
+    half: Beginning | None = None
 
     @property
     def usable(self) -> Mask:
@@ -96,7 +103,9 @@ def begin(left: ByteImage, right: ByteImage, low: int, high: int, threads: int) 
     return Beginning(images, *_start(images, (low, high), threads))
 
 
-def _start(images: tuple[View, View], limits: tuple[int, int], threads: int) -> tuple[FloatImage, ByteImage]:
+def _start(
+    images: tuple[View, View], limits: tuple[int, int], threads: int
+) -> tuple[FloatImage, ByteImage, Beginning | None]:
     """The semi-global start and its status; of smaller images where the cost volume would not fit."""
     height, width = images[0].gray.shape
     shrink = 1
@@ -107,29 +116,50 @@ def _start(images: tuple[View, View], limits: tuple[int, int], threads: int) -> 
         left, right = View.pair(_shrink(left.pixels, shrink), _shrink(right.pixels, shrink), threads)
     scale = width / left.gray.shape[1]
     small = math.floor(limits[0] / scale), math.ceil(limits[1] / scale)
-    start = _matched(left, right, *small, threads, _levelled(left, right, *small, threads))
+    by, half, guide = _brightness(left, right, *small, threads), None, None
+    labels = small[1] - small[0] + 1
+    if labels > GUIDED_LABELS and labels * left.gray.size > GUIDED:
+        half = _half(left, right, *small, by, threads)
+        guide = _guide(half, left.gray.shape)
+    start = _matched(left, right, *small, threads, brightened(right.planes, by), guide)
     status = compare_views(start.disparity, start.right, small, threads)
     if shrink == 1:
-        return start.disparity, status
+        return start.disparity, status, half
     status = np.asarray(cv2.resize(status, (width, height), interpolation=cv2.INTER_NEAREST), np.uint8)
     disparity = enlarge(start.disparity, (width, height), scale)
-    return np.asarray(disparity.clip(*limits), np.float32), status
+    return np.asarray(disparity.clip(*limits), np.float32), status, None
 
 
 def _matched(
-    left: View, right: View, low: int, high: int, threads: int, colors: ByteImage | None = None
-) -> semiglobal.Start:
+    left: View, right: View, low: int, high: int, threads: int, colors: ByteImage | None = None,
+    guide: FloatImage | None = None,
+) -> semiglobal.Start:  # fmt: skip
     """Semi-global disparities, with other `colors` of the right view where they are given."""
     planes = right.planes if colors is None else colors
-    return semiglobal.semiglobal_start(left.planes, planes, left.gray, right.gray, left.noise, low, high, threads)
+    views = left.planes, planes, left.gray, right.gray
+    return semiglobal.semiglobal_start(*views, left.noise, low, high, threads, guide)
 
 
-def _levelled(left: View, right: View, low: int, high: int, threads: int) -> ByteImage:
-    """Colours of the right view, (C, H, W), as bright as those of the left one."""
+def _brightness(left: View, right: View, low: int, high: int, threads: int) -> FloatImage:
+    """How much brighter the left view is, for `brightened`."""
     smaller = View.pair(_shrink(left.pixels, SHRINK), _shrink(right.pixels, SHRINK), threads)
     limits = math.floor(low / SHRINK), math.ceil(high / SHRINK)
-    by = brightness_between(smaller[0].pixels, smaller[1].pixels, _matched(*smaller, *limits, threads))
-    return brightened(right.planes, by)
+    return brightness_between(smaller[0].pixels, smaller[1].pixels, _matched(*smaller, *limits, threads))
+
+
+def _half(left: View, right: View, low: int, high: int, by: FloatImage, threads: int) -> Beginning:
+    """The start of images of half the size."""
+    images = View.pair(_shrink(left.pixels, 2), _shrink(right.pixels, 2), threads)
+    limits = math.floor(low / 2), math.ceil(high / 2)
+    start = _matched(*images, *limits, threads, brightened(images[1].planes, by))
+    return Beginning(images, start.disparity, compare_views(start.disparity, start.right, limits, threads))
+
+
+def _guide(half: Beginning, shape: tuple[int, ...]) -> FloatImage:
+    """Disparities to search near: where both views of half the size agree; the further surface's in between."""
+    known = cv2.medianBlur(fill_background(only_where(half.usable, half.disparity)), ALONE)
+    wide = cv2.resize(known, (shape[1], shape[0]), interpolation=cv2.INTER_NEAREST)
+    return np.asarray(2 * wide, np.float32)
 
 
 def compare_views(disparity: FloatImage, right: FloatImage, limits: tuple[int, int], threads: int) -> ByteImage:

@@ -36,10 +36,10 @@ def left_right_check(
             if agrees:
                 status[v, u] = 0
                 continue
-            status[v, u] = _OCCLUDED
+            explained = False
             for x in range(max(u - high, 0), min(u - low + 1, width)):
-                if abs(right[v, x] - np.float32(u - x)) <= 1:
-                    status[v, u] = _INCONSISTENT
+                explained |= abs(right[v, x] - np.float32(u - x)) <= 1
+            status[v, u] = _INCONSISTENT if explained else _OCCLUDED
 
 
 @kernel

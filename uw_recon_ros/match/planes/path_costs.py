@@ -2,6 +2,8 @@
 
 A path's cost beyond the least of the pixel before is at most `JUMP`, the cost of a match is at most half of what is
 left of a byte: so the sums never overflow, and a vector register holds twice as many labels as of 16-bit integers.
+Only where the pixel before had none of the labels that cost least at the one before it, its least and a jump may leave
+the byte: the jump, modulo 256, then costs less than any other way, and what it costs beyond the least is right again.
 Indices are unsigned throughout: those that may be negative would be wrapped around one by one.
 """
 
@@ -23,6 +25,7 @@ Bytes = NDArray[np.uint8]
 Sums = NDArray[np.int16]
 Four = tuple[np.uint8, np.uint8, np.uint8, np.uint8]
 Three = tuple[np.uintp, np.uintp, np.uintp]
+Firsts = NDArray[np.int16]
 
 
 class Paths(NamedTuple):
@@ -30,35 +33,41 @@ class Paths(NamedTuple):
 
     Parameters
     ----------
-    costs : (2, 3 (W + 2) (labels + 2)) uint8
-        Of the paths that arrive from the last row, and of those that leave this one; rows take turns.
+    costs : (2, 3 (W + 2) (labels + 2 pad)) uint8
+        Of the paths that arrive from the last row, and of those that leave this one; rows take turns. Around a pixel's
+        labels there is no path: one label more is enough where all pixels have the same labels.
     least : (2, 3 (W + 2)) uint8
         The least of these.
-    along : (2 (labels + 2),) uint8
+    along : (2 (labels + 2 pad),) uint8
         Of the path along the row, at the pixel before and at this one.
     added : (labels,) uint8
         Half the sum of the second half's paths, at a pixel.
+    firsts : (2, W + 2) int16
+        The first labels of the pixels of the last row and of this one, in the order of scanning; -1: no pixel.
     """
 
     costs: Bytes
     least: Bytes
     along: Bytes
     added: Bytes
+    firsts: Firsts
 
     @classmethod
-    def begin(cls, width: int, labels: int) -> Paths:
-        """Before the first row."""
-        costs, along = np.zeros((2, 3, width + 2, labels + 2), np.uint8), np.zeros((2, labels + 2), np.uint8)
-        for edge in (0, labels + 1):
-            costs[..., edge] = along[:, edge] = _BYTE
-        least = np.zeros((2, 3 * (width + 2)), np.uint8)
-        return cls(costs.reshape(2, -1), least, along.ravel(), np.empty(labels, np.uint8))
+    def begin(cls, width: int, labels: int, alike: bool = True) -> Paths:
+        """Before the first row; `alike`: all pixels have the same labels."""
+        pad = 1 if alike else labels + 2
+        costs = np.full((2, 3, width + 2, labels + 2 * pad), _BYTE, np.uint8)
+        costs[..., pad : pad + labels] = 0
+        along, least = np.full((2, labels + 2 * pad), _BYTE, np.uint8), np.zeros((2, 3 * (width + 2)), np.uint8)
+        firsts = np.full((2, width + 2), -1, np.int16)
+        return cls(costs.reshape(2, -1), least, along.ravel(), np.empty(labels, np.uint8), firsts)
 
 
 @kernel(allocates=False)
 def extend_row(
     costs: Volume,
     penalties: Bytes,
+    first: Firsts,
     v: int,
     backward: bool,
     second: bool,
@@ -76,6 +85,8 @@ def extend_row(
         Of matches, at most (255 - `JUMP`) / 2 + 1.
     penalties : (4, H, W) uint8
         Of jumps, towards the four predecessors.
+    first : (H, W) int16
+        The disparity of each pixel's first label, from 0.
     v : int
     backward : bool
     second : bool
@@ -90,18 +101,22 @@ def extend_row(
     """
     width, labels = np.uintp(penalties.shape[2]), np.uintp(paths.added.size)
     one, two = np.uintp(1), np.uintp(2)
-    stride, columns = labels + two, width + two
-    line = columns * stride
     along = paths.along
+    stride, columns = np.uintp(along.size) // two, width + two
+    line, pad = columns * stride, (stride - labels) // two
+    before_labels = pad - one
     before, now = paths.costs[parity], paths.costs[1 - parity]
     least_before, least_now = paths.least[parity], paths.least[1 - parity]
-    beside, here = np.uintp(0), stride
-    along[1 : labels + one] = 0
+    firsts_before, firsts_now = paths.firsts[parity], paths.firsts[1 - parity]
+    beside, here = before_labels, stride + before_labels
+    along[pad : pad + labels] = 0
     row = np.uintp(v) * width
     beyond = np.uint8(0)
     for j in range(width):
         u = width - one - j if backward else j
-        at, n = (row + u) * labels, (j + one) * stride
+        at, n = (row + u) * labels, (j + one) * stride + before_labels
+        mine = first[v, u]
+        firsts_now[j + one] = mine
         below = (beyond, least_before[j], least_before[columns + j + one], least_before[two * columns + j + two])
         jump = (
             np.uint8(penalties[0, v, u] + below[0]),
@@ -109,16 +124,30 @@ def extend_row(
             np.uint8(penalties[2, v, u] + below[2]),
             np.uint8(penalties[3, v, u] + below[3]),
         )
-        arriving = (n - stride, line + n, two * line + n + stride)
+        arriving = (
+            n - stride + _shift(mine, firsts_before[j], pad),
+            line + n + _shift(mine, firsts_before[j + one], pad),
+            two * line + n + stride + _shift(mine, firsts_before[j + two], pad),
+        )
+        last_beside = beside + _shift(mine, firsts_now[j], pad)
         leaving = (n, line + n, two * line + n)
         halves, m = (paths.added, np.uintp(0)) if second else (sums, at)
-        beyond, first, straight, last = _extend(
-            costs, at, along, beside, along, here, before, arriving, now, leaving, below, jump, halves, m, labels
+        beyond, left, straight, right = _extend(
+            costs, at, along, last_beside, along, here, before, arriving, now, leaving, below, jump, halves, m, labels
         )
-        least_now[j + one], least_now[columns + j + one], least_now[two * columns + j + one] = first, straight, last
+        least_now[j + one], least_now[columns + j + one], least_now[two * columns + j + one] = left, straight, right
         beside, here = here, beside
         if second:
             least[u] = _join(costs, sums, at, halves, totals, u * labels, labels)
+
+
+@kernel(inline=True, allocates=False)
+def _shift(mine: np.int16, other: np.int16, pad: np.uintp) -> np.uintp:
+    """From where a label of this pixel stands to where the other one keeps the same; none where there is no pixel."""
+    most = np.intp(pad) - 1
+    apart = np.intp(mine) - np.intp(other) if other >= 0 else np.intp(0)
+    shift: np.uintp = np.uintp(min(max(apart, -most), most))
+    return shift
 
 
 @kernel(inline=True, allocates=False, apart=True)

@@ -13,6 +13,7 @@ from uw_recon_ros.match.planes.census import Words, census_words
 from uw_recon_ros.match.planes.cost_volume import Volume, fill_costs
 from uw_recon_ros.match.planes.gray import LEVELS, MOST, Gray
 from uw_recon_ros.match.planes.path_costs import JUMP, STEP, Bytes, Paths, Sums, extend_row
+from uw_recon_ros.match.planes.search_band import Band, Labels
 from uw_recon_ros.match.planes.thread_pool import row_bands, run_parallel
 from uw_recon_ros.types import ByteImage, FloatImage
 
@@ -93,7 +94,7 @@ def aggregate(
     costs: Volume,
     penalties: Bytes,
     low: int,
-    labels: int,
+    band: Band,
     backward: bool,
     second: bool,
     paths: Paths,
@@ -112,13 +113,13 @@ def aggregate(
     half = height - height // 2 if backward else height // 2
     for i in range(half if second else 0, height if second else half):
         v = height - 1 - i if backward else i
-        extend_row(costs, penalties, v, backward, second, i & 1, paths, sums, row.totals, row.least)
+        extend_row(costs, penalties, band.first, v, backward, second, i & 1, paths, sums, row.totals, row.least)
         if second:
-            _winners(row, low, labels, disparity[v], right[v])
+            _winners(row, low, band.labels, band.first[v], disparity[v], right[v])
 
 
 @kernel(allocates=False)
-def _winners(row: Row, low: int, labels: int, disparity: FloatImage, right: FloatImage) -> None:
+def _winners(row: Row, low: int, labels: int, first: Labels, disparity: FloatImage, right: FloatImage) -> None:
     """Take the best label of every pixel of a row of either view; of labels as good the first.
 
     `best_right` and `label_right` run from right to left, so that rising disparities lie side by side in memory.
@@ -127,19 +128,19 @@ def _winners(row: Row, low: int, labels: int, disparity: FloatImage, right: Floa
     sums, best_right, label_right = row.totals, row.best_right, row.label_right
     best_right[:] = _NONE
     for u in range(width):
-        costs, least = sums[u * labels : (u + 1) * labels], row.least[u]
+        costs, least, lowest = sums[u * labels : (u + 1) * labels], row.least[u], low + int(first[u])
         best = _first(costs, least)
-        start, stop = max(0, u - low - width + 1), min(labels, u - low + 1)
+        start, stop = max(0, u - lowest - width + 1), min(labels, u - lowest + 1)
         if stop > start:
-            x, n = width - 1 - u + low + start, stop - start
-            _better(costs[start:stop], start, best_right[x : x + n], label_right[x : x + n])
+            x, n = width - 1 - u + lowest + start, stop - start
+            _better(costs[start:stop], int(first[u]) + start, best_right[x : x + n], label_right[x : x + n])
         offset = np.float32(0)
         if 0 < best < labels - 1:
             before, after = np.float32(costs[best - 1] - least), np.float32(costs[best + 1] - least)
             rise = before + after
             if rise > 0:
                 offset = np.float32(0.5) * (before - after) / rise
-        disparity[u] = np.float32(low + best) + offset
+        disparity[u] = np.float32(lowest + best) + offset
     for u in range(width):
         x = width - 1 - u
         right[u] = np.float32(low + label_right[x]) if best_right[x] < _NONE else np.float32(np.nan)
@@ -163,19 +164,21 @@ def _better(costs: Sums, first: int, best: Sums, label: Indices) -> None:
 
 
 def _volume(
-    words: Words, left: ByteImage, right: ByteImage, low: int, labels: int, parts: list[tuple[int, int]], threads: int
-) -> Volume:
-    """Costs of all matches, averaged over 3x3 pixels."""
+    words: Words, left: ByteImage, right: ByteImage, low: int, labels: int, band: Band, parts: list[tuple[int, int]],
+    threads: int,
+) -> Volume:  # fmt: skip
+    """Costs of all matches in the band, averaged over 3x3 pixels."""
     height, width = words.shape[1:]
     mirrored, mirrored_color = np.ascontiguousarray(words[1, :, ::-1]), np.ascontiguousarray(right[:, :, ::-1])
-    costs = np.empty(height * width * labels, np.uint8)
-    run_parallel(lambda b: fill_costs(words[0], mirrored, left, mirrored_color, low, labels, *b, costs), parts, threads)
+    costs = np.empty(height * width * band.labels, np.uint8)
+    views = words[0], mirrored, left, mirrored_color
+    run_parallel(lambda b: fill_costs(*views, low, labels, band, *b, costs), parts, threads)
     return costs
 
 
 def semiglobal_start(
     left: ByteImage, right: ByteImage, gray_left: Gray, gray_right: Gray, noise: float, low: int, high: int,
-    threads: int,
+    threads: int, guide: FloatImage | None = None,
 ) -> Start:  # fmt: skip
     """Match two rectified images at whole disparities from `low` to `high`, inclusive.
 
@@ -189,6 +192,8 @@ def semiglobal_start(
         px.
     threads : int
         At most two are used for the longest part.
+    guide : (H, W) float32, optional
+        Disparities, px, that the search keeps near.
     """
     height, width = gray_left.shape
     labels, parts = high - low + 1, row_bands(height, 2 * threads)
@@ -196,15 +201,17 @@ def semiglobal_start(
     grays = (gray_left, gray_right)
     jobs = [(view, band) for band in parts for view in (0, 1)]
     run_parallel(lambda j: census_words(grays[j[0]], noise, *j[1], words[j[0]]), jobs, threads)
-    costs = _volume(words, left, right, low, labels, parts, threads)
+    band = Band.whole((height, width), labels) if guide is None else Band.around(guide - low, labels)
+    costs = _volume(words, left, right, low, labels, band, parts, threads)
     penalties = jump_penalties(gray_left)
     sums = np.empty(costs.size, np.uint8)
-    paths, rows = [Paths.begin(width, labels) for _ in range(2)], [Row.begin(width, labels) for _ in range(2)]
+    paths = [Paths.begin(width, band.labels, alike=guide is None) for _ in range(2)]
+    rows = [Row.begin(width, band.labels) for _ in range(2)]
     start = Start(*(np.empty((height, width), np.float32) for _ in range(2)))
 
     def scan(backward: int, second: bool) -> None:
         mine = paths[backward], rows[backward]
-        aggregate(costs, penalties[backward], low, labels, backward == 1, second, *mine, sums, *start)
+        aggregate(costs, penalties[backward], low, band, backward == 1, second, *mine, sums, *start)
 
     for second in (False, True):
         run_parallel(partial(scan, second=second), (0, 1), min(threads, 2))
