@@ -21,7 +21,8 @@ below, at the lamps of others. For each dive, over the sectors of all its frames
   missed all the same;
 - range: median of |told - true| / true of the distance down, and frames without one, in percent.
 
-The truth is the simulator's depth, searched without the code under test.
+The truth is the simulator's depth, searched without the code under test. Lamps of others are things that the depth does
+not hold: told where one is, or beside it, is not false.
 """
 
 # ruff: noqa: T201
@@ -40,6 +41,7 @@ import numpy as np
 from uw_recon_ros.camera_mount import MountParams
 from uw_recon_ros.pipeline import Pipeline, PipelineParams, read_values
 from uw_recon_ros.reconstruct.obstacles import FindObstacles, ObstacleParams
+from uw_recon_ros.simulate.backdrop import place_lamps
 from uw_recon_ros.simulate.dive import Dive
 from uw_recon_ros.simulate.params import SimulateParams
 from uw_recon_ros.types import StereoPair
@@ -90,6 +92,21 @@ def true_sectors(
     return nearest, min(down[in_cone], default=np.nan), pixels
 
 
+def with_lamps(nearest: np.ndarray, dive: Dive, index: int, mount: MountParams) -> np.ndarray:
+    """The nearest by sector, lamps of others included: `true_sectors` of a dive's frame, with `SLACK_M`."""
+    p, pose = dive.params, dive.pose(index)
+    places = place_lamps(p.other_lamps, p.seed, p.distance_m, dive.pose(0))
+    base = (places - pose.position) @ pose.rotation @ mount.base_from_optical.T
+    low, high = PARAMS.obstacle_min_height_m - SLACK_M, PARAMS.obstacle_max_height_m + SLACK_M
+    nearest = nearest.copy()
+    for x, y, _ in base[(base[:, 2] >= low) & (base[:, 2] <= high)]:
+        bearing = np.rad2deg(np.arctan2(y, x)) + PARAMS.obstacle_field_deg / 2
+        sector = int(bearing // PARAMS.obstacle_sector_deg)
+        if 0 <= sector < len(nearest):
+            nearest[sector] = np.fmin(nearest[sector], np.hypot(x, y))
+    return nearest
+
+
 def too_near(sectors: np.ndarray, truth: np.ndarray) -> np.ndarray:
     """Sectors told nearer than the truth of themselves and both neighbors; unknown ones are not."""
     padded = np.pad(np.nan_to_num(truth, nan=np.inf), 1, constant_values=np.inf)
@@ -116,7 +133,7 @@ def run(scene: str, water: str, frames: int, size: tuple[int, int], seed: int) -
         depth = products.depth
         true_depth = dive.true_depth(index, depth.geometry, *size)
         truth, below, pixels = true_sectors(true_depth, depth.geometry, mount)
-        nearby, _, _ = true_sectors(true_depth, depth.geometry, mount, SLACK_M)
+        nearby = with_lamps(true_sectors(true_depth, depth.geometry, mount, SLACK_M)[0], dive, index, mount)
         around = find.look(depth, products.disparity)
         sectors = around.sectors().ranges
         told += int(np.isfinite(sectors).sum())

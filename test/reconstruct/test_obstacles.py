@@ -133,6 +133,10 @@ def silent(cause: str) -> Silent:
         depth = replace(depth_map(wall(np.nan)), status=np.full((HEIGHT, WIDTH), Status.LOW_TEXTURE, np.uint8))
     elif cause == "disagree":
         depth = replace(depth_map(wall(np.nan)), status=np.full((HEIGHT, WIDTH), Status.INCONSISTENT, np.uint8))
+    elif cause == "small things":
+        params = {"obstacle_min_size_m": 1.0}
+        depth = depth_map(wall(0.3))
+        given = disparities(depth)
     elif cause == "low certainty":
         depth = depth_map(wall(2.0), sigma=0.2)
     elif cause == "near limit of the search":
@@ -151,8 +155,8 @@ def silent(cause: str) -> Silent:
 
 
 CAUSES = (
-    "open water", "disagree", "low certainty", "near limit of the search", "low confidence", "out of limits",
-    "nothing in the", "no agreement",
+    "open water", "disagree", "small things", "low certainty", "near limit of the search", "low confidence",
+    "out of limits", "nothing in the", "no agreement",
 )  # fmt: skip
 
 
@@ -165,6 +169,22 @@ def test_why_nothing_is_told_is_told(cause: str) -> None:
     for text in (around.why_no_sector(), around.why_no_range()):
         assert [other for other in CAUSES if other in text] == [cause]
         assert "\n" not in text
+
+
+@pytest.mark.parametrize(("distance", "told"), [(0.8, False), (1.0, False), (4.0, True)])
+@pytest.mark.parametrize("corner", [False, True])
+def test_a_particle_is_no_obstacle_but_a_corner_of_a_thing_is(distance: float, told: bool, corner: bool) -> None:
+    """10 pixels to the side: 8 to 10 cm up close, 40 far away, where nothing under 12 cm counts."""
+    depth = np.full((HEIGHT, WIDTH), np.nan)
+    depth[55:65, 75:85] = distance
+    if corner:  # below the slice and the cone, and one with it
+        depth[65:, 75:85] = distance
+    limits = {"obstacle_min_height_m": -0.02, "obstacle_sector_deg": 30.0, "range_cone_deg": 4.0}
+    around = finder(obstacle_min_size_m=0.12, **limits).look(depth_map(depth))
+    assert np.isfinite(around.sectors().ranges).any() == (told or corner)
+    assert (around.along_axis() is not None) == (told or corner)
+    assert told or corner or "small things" in around.why_no_range()
+    assert np.isfinite(finder(obstacle_min_size_m=0.0, **limits).look(depth_map(depth)).sectors().ranges).any()
 
 
 @given(st.floats(-3, 3), st.floats(-3, 3), st.floats(0.02, 30.0), st.floats(-60, 90))

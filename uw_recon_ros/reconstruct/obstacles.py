@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros.camera_mount import MountParams
+from uw_recon_ros.connected_pieces import label_pieces
 from uw_recon_ros.params import Params, param
 from uw_recon_ros.reconstruct.triangulation import points_from_depth
 from uw_recon_ros.types import AxisRange, ByteImage, DepthMap, DisparityMap, Mask, Sectors, Status
@@ -22,10 +23,12 @@ _AXES = {"forward": (1.0, 0.0, 0.0), "down": (0.0, 0.0, -1.0), "up": (0.0, 0.0, 
 Floats = NDArray[np.float64]
 
 #: What a pixel must be to be told of, in this order, and what it means where hardly any is.
-_WITH_DEPTH, _CERTAIN, _OFF_LIMIT, _LIKELY = "with depth", "certain", "off the limit of the search", "likely"
+_WITH_DEPTH, _LARGE, _CERTAIN, _OFF_LIMIT = "with depth", "of large things", "certain", "off the limit of the search"
+_LIKELY = "likely"
 _WITHIN, _IN_SLICE, _IN_CONE, _AGREEING = "within limits", "in the slice", "in the cone", "agreeing"
 _LACKS = {
     _WITH_DEPTH: "no depth, mostly for {reason}",
+    _LARGE: "small things alone, as drifting particles are: under obstacle_min_size_m",
     _CERTAIN: "low certainty: sigma over obstacle_max_relative_sigma (far away for this baseline, or little texture)",
     _OFF_LIMIT: "at the near limit of the search: nearer than f B / max_disparity, or water that shows nothing",
     _LIKELY: "low confidence: under obstacle_min_confidence",
@@ -71,6 +74,10 @@ class ObstacleParams(Params):
     obstacle_min_share: float = param(
         2e-4, "Share of the image's pixels that must agree on a distance before it is told.", low=0.0, high=1.0
     )
+    obstacle_min_size_m: float = param(
+        0.03, "Things that show less than a square of this side are drifting particles, no obstacles; 0: all count.",
+        unit="m", low=0.0, high=1.0,
+    )  # fmt: skip
     obstacle_max_relative_sigma: float = param(
         0.05, "Depths less certain than this share of themselves tell of no obstacle.", low=0.001, high=1.0
     )
@@ -243,6 +250,7 @@ class FindObstacles:
         with np.errstate(invalid="ignore"):
             rules = {
                 _WITH_DEPTH: np.isfinite(depth.depth),
+                _LARGE: _of_large_things(depth, disparity, p.obstacle_min_size_m),
                 _CERTAIN: depth.sigma <= np.float32(p.obstacle_max_relative_sigma) * depth.depth,
                 _OFF_LIMIT: _within_search(disparity),
             }
@@ -263,6 +271,21 @@ class FindObstacles:
             offsets, along_ray, fewest, self.min_range, self.max_range, depth.stamp_ns, p, self.mount, left,
             depth.status,
         )  # fmt: skip
+
+
+#: px; what differs by less from pixel to pixel is one thing.
+_JUMP_PX = 1.0
+
+
+def _of_large_things(depth: DepthMap, disparity: DisparityMap, side_m: float) -> Mask:
+    """Where a connected piece of the depth map shows at least as much as a square of that side, seen from ahead."""
+    known = np.isfinite(depth.depth)
+    if side_m == 0:
+        return known
+    pieces = label_pieces(np.where(known, disparity.disparity, np.float32(np.nan)), _JUMP_PX)
+    seen = np.bincount(pieces[known], depth.depth[known].astype(np.float64) ** 2, minlength=1)
+    k = depth.geometry.intrinsics_left
+    return np.asarray(known & (seen >= side_m**2 * k[0, 0] * k[1, 1])[pieces])
 
 
 #: px from the near limit of the search: what would be nearer lands there, and so does water that shows nothing.
