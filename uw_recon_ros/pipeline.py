@@ -166,7 +166,8 @@ class Products:
         kept, pair = self.kept, self.rectified
         if pair.geometry.axis != "horizontal":
             return kept
-        return replace(kept, disparity=refine_below_a_pixel(pair.left, pair.right, kept.disparity, kept.sigma))
+        disparity, sigma = refine_below_a_pixel(pair.left, pair.right, kept.disparity, kept.sigma)
+        return replace(kept, disparity=disparity, sigma=sigma)
 
     @property
     def findings(self) -> tuple[Finding, ...]:

@@ -51,7 +51,7 @@ def dive_frames(
     taken = SimulateParams.from_mapping(defaults_on(chosen.track) | params)
     folder.mkdir(parents=True, exist_ok=True)
     dive = SurveyDive(taken, chosen)
-    name = sha256(repr((effort, chosen, taken, "refined below a pixel")).encode()).hexdigest()[:16]
+    name = sha256(repr((effort, chosen, taken, "refined below a pixel, sigma too")).encode()).hexdigest()[:16]
     return list(islice(_frames(folder, name, effort, dive), first))
 
 
@@ -78,5 +78,6 @@ def _frame(dive: SurveyDive, index: int, preprocess: Any, rectify: Any, rig: Any
     pair = rectify(enhanced, rig.update(enhanced))
     found = match(pair)
     pose = pose_matrix(taken.pose.position, taken.pose.rotation @ np.array(pair.geometry.rect_from_raw_left).T)
-    disparity = refine_below_a_pixel(pair.left, pair.right, found.disparity, found.sigma)  # as a survey keeps it
-    return DiveFrame(taken.stamp_ns, pair.left, disparity, found.sigma, found.status, replace(found.geometry), pose)
+    # as a survey keeps it
+    disparity, sigma = refine_below_a_pixel(pair.left, pair.right, found.disparity, found.sigma)
+    return DiveFrame(taken.stamp_ns, pair.left, disparity, sigma, found.status, replace(found.geometry), pose)

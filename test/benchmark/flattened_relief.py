@@ -53,7 +53,7 @@ def rows(name: str, effort: str) -> list[tuple[float, ...]]:
         height, width = found.disparity.shape
         true = pair.geometry.disparity_from_depth(dive.true_depth(taken[number], pair.geometry, width, height))
         before.append(judged(found.disparity, true))
-        after.append(judged(refine_below_a_pixel(pair.left, pair.right, found.disparity, found.sigma), true))
+        after.append(judged(refine_below_a_pixel(pair.left, pair.right, found.disparity, found.sigma)[0], true))
     return [tuple(np.mean(part, axis=0)) for part in (before, after)]
 
 

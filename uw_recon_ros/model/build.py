@@ -25,6 +25,7 @@ from uw_recon_ros.model.files import notes_of
 from uw_recon_ros.model.kept_frames import KeptFrames
 from uw_recon_ros.model.keypoint_file import KeypointFile
 from uw_recon_ros.model.measurable import MEASURE, measurable
+from uw_recon_ros.model.mesh import within_triangles
 from uw_recon_ros.model.page import SegmentPart, write_model_page
 from uw_recon_ros.model.params import DiveModelParams
 from uw_recon_ros.model.work import TileTask, World
@@ -191,7 +192,8 @@ def _measurable(
     told = {"segment": name["segment"], **notes_of(world), "click": composed.statistics["orthomosaic_cell"]}
     sigmas = depth_sigmas(Path(request.survey) / "report.json") if world.metric else ()
     shown = composed.shown
-    return measurable(shown.surface.vertices, shown.sigma, way.poses, part, located.joint, sigmas, told)
+    sigma = within_triangles(shown, composed.statistics["voxel"])
+    return measurable(shown.surface.vertices, sigma, way.poses, part, located.joint, sigmas, told)
 
 
 def _clear(place: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import partial
 
@@ -22,6 +23,7 @@ from uw_recon_ros.texturing.simplify import clustered, has_extra, simplified, ve
 from uw_recon_ros.types import ByteImage, FloatImage, Matrix, Surface
 
 _AT_ONCE = 1_000_000  # triangles that are joined before they are simplified, at 0.4 kB each
+_APART_VOXELS = 2.0  # corners farther apart than this err by themselves
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +116,26 @@ class Shown:
     surface: Surface
     sigma: FloatImage
     views: NDArray[np.int32]
+
+
+def within_triangles(shown: Shown, voxel: float) -> FloatImage:
+    """Sigma of places on the triangles around each vertex, (N,) float32.
+
+    Parameters
+    ----------
+    shown : Shown
+    voxel : float
+        Edge, in the unit of the mesh.
+
+    Notes
+    -----
+    A place is the mean of three corners, weighted; over a triangle the sum of the squared weights is 1/2 on average.
+    That holds where corners err by themselves: not where they are neighbours in the volume.
+    """
+    faces, vertices = shown.surface.faces, shown.surface.vertices
+    edges = np.linalg.norm(vertices[faces] - vertices[np.roll(faces, 1, axis=1)], axis=2)
+    share = math.sqrt(0.5) if np.median(edges) > _APART_VOXELS * voxel else 1.0
+    return np.asarray(shown.sigma * np.float32(share), np.float32)
 
 
 def textured(task: TileTask, found: Found, balance: Balance, mesh: Mesh, texel: float) -> Shown:
