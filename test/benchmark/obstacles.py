@@ -16,9 +16,9 @@ below, at the lamps of others. For each dive, over the sectors of all its frames
   (the bottom, mostly). A rule that is lenient about heights shows here and not under false;
 - seen: of the sectors whose nearest true surface within the image is closer than 3 m, how many are told, within 15 %
   or 0.1 m;
-- thin: of those not seen, how many show fewer pixels of that surface, within 15 % of its distance, than must agree
-  before anything is told (``obstacle_min_share``): a corner of the slice of heights, an edge of a thing. Counted as
-  missed all the same;
+- thin: of those not seen, how many show both cameras fewer pixels of that surface, within 15 % of its distance, than
+  must agree before anything is told (``obstacle_min_share``): a corner of the slice of heights, an edge of a thing, the
+  rim of the view that the right camera does not see. Counted as missed all the same;
 - range: median of |told - true| / true of the distance down, and frames without one, in percent.
 
 The truth is the simulator's depth, searched without the code under test. Lamps of others are things that the depth does
@@ -70,25 +70,30 @@ def true_sectors(
 ) -> tuple[np.ndarray, float, np.ndarray]:
     """Nearest true surface by sector, in a slice higher and deeper by `slack_m`; the nearest one down; its pixels.
 
-    The last are those of each sector that lie within `SHARE` of its nearest.
+    The last are those of each sector that both cameras see and that lie within `SHARE` of its nearest.
     """
     k = geometry.intrinsics_left
     v, u = np.mgrid[: depth.shape[0], : depth.shape[1]]
     rays = np.stack([(u - k[0, 2]) / k[0, 0], (v - k[1, 2]) / k[1, 1], np.ones(depth.shape)], axis=-1)
     optical = (rays * depth[..., None]) @ np.asarray(geometry.rect_from_raw_left)
-    base = (optical @ mount.base_from_optical.T)[np.isfinite(depth)]
+    known = np.isfinite(depth)
+    base = (optical @ mount.base_from_optical.T)[known]
+    in_both = (u - geometry.disparity_from_depth(depth) >= 0)[known]
     down = -base[:, 2]
     in_cone = down > np.cos(np.deg2rad(PARAMS.range_cone_deg / 2)) * np.linalg.norm(base, axis=1)
     low, high = PARAMS.obstacle_min_height_m - slack_m, PARAMS.obstacle_max_height_m + slack_m
-    level = base[(base[:, 2] >= low) & (base[:, 2] <= high)]
+    in_slice = (base[:, 2] >= low) & (base[:, 2] <= high)
+    level, in_both = base[in_slice], in_both[in_slice]
     number = round(PARAMS.obstacle_field_deg / PARAMS.obstacle_sector_deg)
     bearing = (
         np.rad2deg(np.arctan2(level[:, 1], level[:, 0])) + PARAMS.obstacle_field_deg / 2
     ) / PARAMS.obstacle_sector_deg
     flat = np.hypot(level[:, 0], level[:, 1])
-    sectors = [flat[(bearing >= i) & (bearing < i + 1)] for i in range(number)]
-    nearest = np.array([min(sector, default=np.nan) for sector in sectors])
-    pixels = np.array([(sector <= near * (1 + SHARE)).sum() for sector, near in zip(sectors, nearest, strict=True)])
+    sectors = [(bearing >= i) & (bearing < i + 1) for i in range(number)]
+    nearest = np.array([min(flat[sector], default=np.nan) for sector in sectors])
+    pixels = np.array([
+        (flat[sector & in_both] <= near * (1 + SHARE)).sum() for sector, near in zip(sectors, nearest, strict=True)
+    ])  # fmt: skip
     return nearest, min(down[in_cone], default=np.nan), pixels
 
 
