@@ -8,6 +8,9 @@ nothing else, in particular not on the tile in which it is asked for.
 A pixel's cost compares its differences from 24 neighbours with those in the other view. Half of it is the census, that
 is whether they have the same sign, which gain and offset leave alone; half is by how much they differ, cut at a part of
 the image's contrast, which tells more where texture is weak.
+
+To that comes how far the plane lies from the start, where both views agree about it: the start sees colours, and every
+pixel by itself, so it knows edges that gray and crosses do not, and holds what is blank.
 """
 
 from __future__ import annotations
@@ -22,7 +25,7 @@ from uw_recon_ros.jit import kernel
 from uw_recon_ros.match.planes.census import RADIUS, Pattern
 from uw_recon_ros.match.planes.cross_support import REACH, Arms
 from uw_recon_ros.match.planes.gray import CONTRAST, Gray
-from uw_recon_ros.types import FloatImage
+from uw_recon_ros.types import FloatImage, Mask
 
 BLOCK = 64  #: pixels compared at once
 QUARTERS = 4  #: samples a pixel in `CostData.other`
@@ -32,6 +35,7 @@ WORST = 2.0  #: cost of what differs as much as by chance
 OUTSIDE = 1.0  #: least cost of a match outside the other view; no less than a usual match
 OUTSIDE_SEEN = 1.8  #: the same where the start found the pixel in both views
 FORBIDDEN = 4.0  #: cost of a disparity outside the limits
+NEAR_START, FAR_FROM_START = 0.5, 1.5  #: px; nearer costs nothing, farther no more
 
 
 class CostData(NamedTuple):
@@ -56,6 +60,8 @@ class CostData(NamedTuple):
         Of `cross_support`.
     low, high : float32
         Limits of the disparity, px.
+    start, trust : (H, W) float32
+        The start's disparity, px, and what a plane costs that lies far from it; of `trust_in`.
     """
 
     gray: Gray
@@ -69,6 +75,8 @@ class CostData(NamedTuple):
     inverse_size: FloatImage
     low: np.float32
     high: np.float32
+    start: FloatImage
+    trust: FloatImage
 
 
 def extend_borders(gray: Gray) -> Gray:
@@ -83,6 +91,14 @@ def cost_weights(noise: float) -> tuple[int, int]:
     """
     softness = round(CONTRAST * (SOFTNESS + (SOFTNESS_NOISY - SOFTNESS) * noise))
     return softness, round(softness * 2 * (SIGNS + (SIGNS_NOISY - SIGNS) * noise))
+
+
+def trust_in(usable: Mask, noise: float, most: float) -> FloatImage:
+    """`CostData.trust`, (H, W), at most `most` where the start is `usable`; none in images that are noisy throughout.
+
+    `noise` is that of `gray.gray_pair`.
+    """
+    return np.asarray(usable * np.float32(most * (1 - noise)), np.float32)
 
 
 class Workspace(NamedTuple):
@@ -145,6 +161,18 @@ def plane_cost(
             j, y = index(x), index(v - first)
             total = sums[y + index(below[j]) + index(1), j] - sums[y - index(above[j]), j]
             cost[j] = np.float32(total) * (scale * inverse[j])
+        _add_distance(a, b * np.float32(v) + c, v, left, right, view, cost)
+
+
+@kernel(allocates=False)
+def _add_distance(a, here, v, left, right, view, cost):  # type: ignore[no-untyped-def]
+    """Add what it costs to be far from the start."""
+    start, trust = view.start[v, left:right], view.trust[v, left:right]
+    near, most = np.float32(NEAR_START), np.float32(FAR_FROM_START - NEAR_START)
+    for x in range(right - left):
+        j = index(x)
+        apart = np.float32(abs(here + a * np.float32(left + x) - start[j]) - near)
+        cost[j] += trust[j] * (min(max(apart, np.float32(0)), most) / most)
 
 
 @kernel(allocates=False)

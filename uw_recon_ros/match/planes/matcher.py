@@ -26,6 +26,7 @@ from uw_recon_ros.match.planes.data_cost import (
     CostData,
     cost_weights,
     extend_borders,
+    trust_in,
 )
 from uw_recon_ros.match.planes.disparity_sigma import plain_gray, sigma_of, with_disagreement
 from uw_recon_ros.match.planes.expansion import Labelling, energy
@@ -61,6 +62,8 @@ class Schedule:
         See `expansion.Labelling`. An effort that searches longer needs less smoothness to find the same surfaces.
     following : tuple of Pass
         The passes for a frame that continues one whose planes are known.
+    trust : float
+        See `data_cost.trust_in`; who searches longer finds surfaces that the start did not see.
     """
 
     passes: tuple[Pass, ...]
@@ -69,6 +72,7 @@ class Schedule:
     following: tuple[Pass, ...] = ()
     smoothness: float = 1.0
     bend: float = 2.0
+    trust: float = 0.2
 
 
 _FIRST = (Pass(FIT, 6, False), Pass(POINTS, 6, False))
@@ -80,7 +84,7 @@ _FOLLOWING = (
 SCHEDULES = {
     "navigation": Schedule(()),
     "balanced": Schedule(_FIRST + _ROUND, following=_FOLLOWING),
-    "quality": Schedule(_FIRST + 8 * _ROUND, 1.0, 64.0, _FOLLOWING + 3 * _ROUND, 0.7, 1.5),
+    "quality": Schedule(_FIRST + 8 * _ROUND, 1.0, 64.0, _FOLLOWING + 3 * _ROUND, 0.7, 1.5, 0.1),
 }
 
 
@@ -205,7 +209,8 @@ def _planes(
 ) -> Labelling:
     """Cover a view with planes."""
     first = fill_background(np.where(usable, seen, np.float32(np.nan)))
-    view = _view(image, other, seen, usable, limits, threads)
+    trust = trust_in(usable, image.noise, schedule.trust)
+    view = _view(image, other, seen, usable, trust, limits, threads)
     state = Labelling(
         np.stack([np.zeros_like(first), np.zeros_like(first), first]),
         np.full(first.shape, FORBIDDEN, np.float32),
@@ -220,7 +225,9 @@ def _planes(
     return state
 
 
-def _view(image: View, other: View, seen: FloatImage, usable: Mask, limits: tuple[int, int], threads: int) -> CostData:
+def _view(
+    image: View, other: View, seen: FloatImage, usable: Mask, trust: FloatImage, limits: tuple[int, int], threads: int
+) -> CostData:
     shape = image.gray.shape
     gray, other_gray = equally_sharp(image.gray, other.gray)
     arms, inverse = np.empty((4, *shape), np.uint8), np.empty(shape, np.float32)
@@ -234,7 +241,7 @@ def _view(image: View, other: View, seen: FloatImage, usable: Mask, limits: tupl
     return CostData(
         extend_borders(gray), np.int16(softness), np.int16(sign), np.int16(round(usual.cut * largest)),
         np.round(outside * largest).astype(np.int16), pattern, _between_pixels(other_gray, threads), arms, inverse,
-        np.float32(limits[0]), np.float32(limits[1]),
+        np.float32(limits[0]), np.float32(limits[1]), seen, trust,
     )  # fmt: skip
 
 
