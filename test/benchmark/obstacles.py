@@ -19,6 +19,8 @@ below, at the lamps of others. For each dive, over the sectors of all its frames
 - thin: of those not seen, how many show both cameras fewer pixels of that surface, within 15 % of its distance, than
   must agree before anything is told (``obstacle_min_share``): a corner of the slice of heights, an edge of a thing, the
   rim of the view that the right camera does not see. Counted as missed all the same;
+- far: of those not seen, how many are told a distance beyond it: only these look free where something stands, the
+  others are unknown;
 - range: median of |told - true| / true of the distance down, and frames without one, in percent.
 
 The truth is the simulator's depth, searched without the code under test. Lamps of others are things that the depth does
@@ -128,7 +130,7 @@ def run(scene: str, water: str, frames: int, size: tuple[int, int], seed: int) -
     dive = Dive(params)
     mount = MountParams(base_frame="base_link", camera_pitch_deg=params.pitch_deg - params.look_up_deg)
     pipeline, find = Pipeline(PipelineParams.from_mapping(read_values(NAVIGATION))), FindObstacles(PARAMS, mount)
-    false = edge = told = near = seen = thin = sectors_all = scans_false = 0
+    false = edge = told = near = seen = thin = far = sectors_all = scans_false = 0
     fewest = round(PARAMS.obstacle_min_share * size[0] * size[1])
     errors: list[float] = []
     for index in range(frames):
@@ -136,11 +138,13 @@ def run(scene: str, water: str, frames: int, size: tuple[int, int], seed: int) -
         raw = StereoPair(frame.left, frame.right, stamp_ns=frame.stamp_ns, calibration=dive.calibration)
         products = pipeline(raw)
         depth = products.depth
-        true_depth = dive.true_depth(index, depth.geometry, *size)
-        truth, below, pixels = true_sectors(true_depth, depth.geometry, mount)
-        nearby = with_lamps(true_sectors(true_depth, depth.geometry, mount, SLACK_M)[0], dive, index, mount)
-        around = find.look(depth, products.disparity)
-        sectors = around.sectors().ranges
+        metric = depth.geometry.metric  # else metres are withheld: silent
+        geometry = depth.geometry if metric else dive.geometry
+        true_depth = dive.true_depth(index, geometry, *size)
+        truth, below, pixels = true_sectors(true_depth, geometry, mount)
+        nearby = with_lamps(true_sectors(true_depth, geometry, mount, SLACK_M)[0], dive, index, mount)
+        around = find.look(depth, products.disparity) if metric else None
+        sectors = around.sectors().ranges if around else np.full(len(truth), np.nan)
         told += int(np.isfinite(sectors).sum())
         wrong = too_near(sectors, nearby)
         false += int(wrong.sum())
@@ -152,12 +156,13 @@ def run(scene: str, water: str, frames: int, size: tuple[int, int], seed: int) -
         found = np.abs(sectors - truth) <= np.maximum(SLACK_M, SHARE * truth)
         seen += int((close & found).sum())
         thin += int((close & ~found & (pixels < fewest)).sum())
-        down = around.along_axis()
+        far += int((close & ~found & (sectors > truth)).sum())
+        down = around.along_axis() if around else None
         errors.append(abs(down.distance - below) / below if down is not None else np.nan)
     return {
         "scans": frames, "scans_false": scans_false, "sectors": sectors_all, "told": told, "false": false, "edge": edge,
         "silent_percent": 100 * (1 - told / sectors_all), "false_percent": 100 * false / max(told, 1),
-        "near": near, "seen_percent": 100 * seen / max(near, 1), "thin": thin,
+        "near": near, "seen_percent": 100 * seen / max(near, 1), "thin": thin, "far": far,
         "range_error_percent": float(100 * np.nanmedian(errors)) if np.isfinite(errors).any() else float("nan"),
         "no_range_percent": float(100 * np.isnan(errors).mean()),
     }  # fmt: skip
@@ -168,9 +173,9 @@ def rates(table: dict[str, dict[str, float]]) -> str:
 
     Where none is false, up to 3 / N of N may be (95 %), if they were independent.
     """
-    scans, scans_false, sectors, told, false, near = (
+    scans, scans_false, sectors, told, false, near, far = (
         sum(row[name] for row in table.values())
-        for name in ("scans", "scans_false", "sectors", "told", "false", "near")
+        for name in ("scans", "scans_false", "sectors", "told", "false", "near", "far")
     )
     seen = sum(row["near"] * row["seen_percent"] / 100 for row in table.values())
     rate = read_values(NAVIGATION)["max_rate_hz"]
@@ -180,7 +185,8 @@ def rates(table: dict[str, dict[str, float]]) -> str:
         f"{false:.0f} of {told:.0f} told and of {sectors:.0f} sectors ({100 * false / sectors:.3f} %)\n"
         f"a minute at {rate:g} Hz: {60 * rate * scans_false / scans:.1f} of {60 * rate:.0f} scans with a false sector, "
         f"{60 * rate * false / scans:.1f} of {60 * rate * sectors / scans:.0f} sectors\n"
-        f"seen: {seen:.0f} of {near:.0f} nearer than {NEAR_M:g} m ({100 * seen / max(near, 1):.1f} %)"
+        f"seen: {seen:.0f} of {near:.0f} nearer than {NEAR_M:g} m ({100 * seen / max(near, 1):.1f} %); "
+        f"{far:.0f} told too far, the other missed ones are unknown"
     )
 
 
@@ -195,14 +201,14 @@ def main() -> int:
     parser.add_argument("--output", type=Path)
     args = parser.parse_args()
     width, height = map(int, args.size.split("x"))
-    print("scene    water  scans  silent %  told  false %  edge  near  seen %  thin  range err %  no range %")
+    print("scene    water  scans  silent %  told  false %  edge  near  seen %  thin  far  range err %  no range %")
     table = {}
     for scene, water in itertools.product(args.scenes, args.waters):
         row = table[f"{scene} {water}"] = run(scene, water, args.frames, (width, height), args.seed)
         print(
             f"{scene:8} {water:5} {row['scans_false']:2.0f}/{row['scans']:<3.0f} {row['silent_percent']:8.1f} "
             f"{row['told']:5.0f} {row['false_percent']:8.2f} {row['edge']:5.0f} {row['near']:5.0f} "
-            f"{row['seen_percent']:7.1f} {row['thin']:5.0f} "
+            f"{row['seen_percent']:7.1f} {row['thin']:5.0f} {row['far']:4.0f} "
             f"{row['range_error_percent']:12.2f} {row['no_range_percent']:11.1f}",
             flush=True,
         )
