@@ -31,6 +31,7 @@ NOUNS |= {
     "connected_pieces",
     "unseen_pixels",
     "masks",
+    "medians",
     "camera_sides",
     "boards",
     "board_kinds",

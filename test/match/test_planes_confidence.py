@@ -7,7 +7,7 @@ import pytest
 from test_planes_matcher import pair_of
 
 from uw_recon_ros.match.methods import EFFORTS
-from uw_recon_ros.match.planes.confidence import DOUBTFUL_SIGMA, confidence_of, doubtful, signs_of_error
+from uw_recon_ros.match.planes.confidence import DOUBTFUL_SIGMA, Signs, confidence_of, doubtful, signs_of_error
 from uw_recon_ros.match.planes.matcher import graph_cut
 from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.types import FloatImage, Mask, MatchingPair, Status
@@ -19,10 +19,15 @@ AGREED = np.zeros((H, W), np.uint8)
 CLEAN, HAZY = 0.05, 0.3  # noise over contrast
 
 
+def far_off(signs: Signs, effort: str) -> Mask:
+    """What may be far off."""
+    return doubtful(signs, effort, confidence_of(signs, effort))
+
+
 def seen(disparity: FloatImage, start: FloatImage, effort: str, grain: float = CLEAN) -> tuple[FloatImage, Mask]:
     """Confidence, and what may be far off."""
     signs = signs_of_error(disparity, SIGMA, start, AGREED, grain)
-    return confidence_of(signs, effort), doubtful(signs, effort)
+    return confidence_of(signs, effort), far_off(signs, effort)
 
 
 @pytest.mark.parametrize("effort", EFFORTS)
@@ -51,7 +56,7 @@ def test_a_start_that_the_views_disagree_about_makes_all_around_doubtful(effort:
         signs = signs_of_error(FLAT, SIGMA, FLAT, status, CLEAN)
         assert signs.contradicted.max() > 0.2 if expected else signs.contradicted.max() == 0
     status[::2, ::2] = Status.INCONSISTENT
-    assert doubtful(signs_of_error(FLAT, SIGMA, FLAT, status, CLEAN), effort).all()
+    assert far_off(signs_of_error(FLAT, SIGMA, FLAT, status, CLEAN), effort).all()
 
 
 @pytest.mark.parametrize("effort", EFFORTS)
@@ -60,7 +65,7 @@ def test_the_nearer_noise_comes_to_the_contrast_the_more_is_doubtful(effort: str
     status[:, ::24] = Status.INCONSISTENT
     stepped = FLAT.copy()
     stepped[:, 90:] += 4
-    shares = [doubtful(signs_of_error(stepped, SIGMA, stepped, status, g), effort).mean() for g in (CLEAN, HAZY, 1.0)]
+    shares = [far_off(signs_of_error(stepped, SIGMA, stepped, status, g), effort).mean() for g in (CLEAN, HAZY, 1.0)]
     assert shares[0] <= shares[1] <= shares[2]
     assert shares[0] < shares[2]
 

@@ -54,7 +54,7 @@ def _partner_seen(
 ) -> NDArray[np.bool_]:
     """Whether the partner lies in the right view's valid window, and not where that shows nothing."""
     height, width = disparity.shape
-    v, u = np.ogrid[:height, :width]
+    v, u = (axis.astype(np.float32) for axis in np.ogrid[:height, :width])
     partner_v, partner_u = (v - disparity, u) if vertical else (v, u - disparity)
     seen = window or Window(0, 0, width, height)
     inside = (

@@ -53,11 +53,12 @@ class Spectrum:
     def __init__(self, level: NDArray[np.float32], shape: tuple[int, ...]) -> None:
         self.height, self.width = shape
         self.level = level
-        rows = np.arange(-_REACH, self.height + _REACH) % self.height
         columns = np.arange(-_REACH, level.shape[1] + _REACH) % self.width
         mirrored = columns >= level.shape[1]
         columns = np.where(mirrored, self.width - columns, columns)
-        self.padded = level[np.ix_(rows, columns)]
+        around = _REACH, _REACH, _REACH, _REACH
+        self.padded = np.asarray(cv2.copyMakeBorder(level, *around, cv2.BORDER_WRAP), np.float32)
+        rows = np.arange(-_REACH, self.height + _REACH)
         self.padded[:, mirrored] = level[np.ix_(-rows % self.height, columns[mirrored])]
 
     def peaks(self, prominence_db: float, min_frequency: float) -> list[tuple[int, int]]:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from uw_recon_ros.medians import median
 from uw_recon_ros.preprocess.arrays import FloatArray, checked_float, checked_number
 from uw_recon_ros.preprocess.filterbank import FARRAS, Bands, analyse, noise_gains, synthesise
 
@@ -104,15 +105,7 @@ def noise_sigma(pyramids: Sequence[Pyramid]) -> float:
 def sigma_of_details(finest: Sequence[FloatArray]) -> float:
     """Standard deviation of white noise of which these are the finest details along both axes (paper, eq. 6)."""
     sizes = np.concatenate([band.ravel() for band in finest])
-    return _median(np.abs(sizes, out=sizes)) / 0.6745
-
-
-def _median(values: FloatArray) -> float:
-    """As ``np.median``, which takes twenty times as long: it looks for NaN, and for both middle ones at once."""
-    half = len(values) // 2
-    parted = np.partition(values, half)
-    lower = parted[half] if len(values) % 2 else parted[:half].max()
-    return 0.5 * (float(lower) + float(parted[half]))
+    return median(np.abs(sizes, out=sizes)) / 0.6745
 
 
 def shrink(pyramid: Pyramid, sigma: float, *, window: int = 7) -> Pyramid:

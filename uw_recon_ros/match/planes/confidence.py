@@ -96,7 +96,7 @@ def confidence_of(signs: Signs, effort: str) -> FloatImage:
     return np.asarray(1 / (1 + np.exp(_weighed(signs, WRONG[effort]))), np.float32)
 
 
-def doubtful(signs: Signs, effort: str) -> Mask:
+def doubtful(signs: Signs, effort: str, confidence: FloatImage) -> Mask:
     """Where a disparity may be more than `FAR_PX` off, (H, W) bool: of what remains, hardly one in 1000 is.
 
     Parameters
@@ -104,8 +104,10 @@ def doubtful(signs: Signs, effort: str) -> Mask:
     signs : Signs
     effort : {'navigation', 'balanced', 'quality'}
         That found the disparity.
+    confidence : (H, W) float32
+        Of `confidence_of`.
     """
-    return np.asarray((_weighed(signs, FAR[effort]) > 0) | (confidence_of(signs, effort) < DOUBTFUL))
+    return np.asarray((_weighed(signs, FAR[effort]) > 0) | (confidence < DOUBTFUL))
 
 
 def _weighed(signs: Signs, weights: Weights) -> FloatImage:

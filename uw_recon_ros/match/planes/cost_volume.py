@@ -62,14 +62,15 @@ def _row_costs(
     weight = np.int16(COLOR_WEIGHT if channels == 3 else 3 * COLOR_WEIGHT)
     cut = np.int16(COLOR_CUT if channels == 3 else COLOR_CUT // 3)
     for u in range(width):
-        start, stop = max(int(lowest[u]), u - low - (width - 1)), min(int(end[u]), u - low + 1)
-        voxels = costs[u * labels : (u + 1) * labels]
-        for k in range(int(lowest[u]), int(end[u])):
+        begin, beyond = u * labels + int(lowest[u]), u * labels + int(end[u])
+        voxels = costs[begin:beyond]
+        for k in range(voxels.size):
             voxels[k] = OUTSIDE
+        start, stop = max(int(lowest[u]), u - low - (width - 1)), min(int(end[u]), u - low + 1)
         if stop <= start:
             continue
         n, x = stop - start, width - 1 - u + low + start
-        seen = voxels[start:stop]
+        seen = costs[u * labels + start : u * labels + stop]
         _census_costs(left[u], right[x : x + n], seen)
         if channels == 3:
             _color_costs(left_color[:, u], right_color[:, x : x + n], weight, cut, seen)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros.match.planes.thread_pool import run_parallel
+from uw_recon_ros.medians import median
 from uw_recon_ros.types import ByteImage, FloatImage
 
 CONTRAST = 128  #: units that the median local contrast of either view is made to be
@@ -64,12 +65,12 @@ def noise_to_contrast(gray: FloatImage) -> float:
     if min(gray.shape) < _CONTRAST_WINDOW:
         return 0.0
     kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
-    spread = some(_spread(gray))
+    spread = _spread(gray)
     uneven = spread > _ONE_VALUE
     if not uneven.any():
         return 0.0
-    noise = np.median(np.abs(some(np.asarray(cv2.filter2D(gray, -1, kernel), np.float32)))[uneven]) / 0.6745 / 6
-    return float(noise / max(float(np.median(spread[uneven])), 1e-3))
+    noise = median(np.abs(some(np.asarray(cv2.filter2D(gray, -1, kernel), np.float32)))[uneven]) / 0.6745 / 6
+    return noise / max(median(spread[uneven]), 1e-3)
 
 
 def compression(gray: FloatImage) -> float:
@@ -96,16 +97,17 @@ def local_contrast(gray: FloatImage | Gray) -> float:
 
     Where half an image is burnt out or black, the median of all windows would be that of nothing: 0.
     """
-    spread = some(_spread(gray))
+    spread = _spread(gray)
     uneven = spread > _ONE_VALUE
-    return float(np.median(spread[uneven])) if uneven.any() else 0.0
+    return median(spread[uneven]) if uneven.any() else 0.0
 
 
 def _spread(gray: FloatImage | Gray) -> FloatImage:
-    values = gray.astype(np.float32)
+    """Standard deviation about `some` pixels."""
+    values = np.asarray(gray, np.float32)
     window = (_CONTRAST_WINDOW, _CONTRAST_WINDOW)
-    mean = cv2.blur(values, window)
-    return np.asarray(np.sqrt(np.maximum(cv2.blur(values * values, window) - mean * mean, 0)), np.float32)
+    mean, square = (some(np.asarray(cv2.blur(x, window), np.float32)) for x in (values, values * values))
+    return np.asarray(np.sqrt(np.maximum(square - mean * mean, 0)), np.float32)
 
 
 def some(values: FloatImage | Gray) -> FloatImage:
@@ -127,4 +129,5 @@ def _normalise(image: ByteImage, noise: float) -> Gray:
     if noise * SMOOTHING > 0.1:
         gray = np.asarray(cv2.GaussianBlur(gray, (0, 0), noise * SMOOTHING), np.float32)
     gain = CONTRAST / max(local_contrast(gray), LEAST_CONTRAST)
-    return np.asarray(np.round((gray - np.median(some(gray))) * gain).clip(-MOST, MOST), np.int16)
+    level = np.float32(median(some(gray)))
+    return np.asarray(np.round((gray - level) * np.float32(gain)).clip(-MOST, MOST), np.int16)

@@ -277,10 +277,11 @@ def _result(
     sigma = only_where(valid, sigma_of(left, right, disparity, status, effort, threads))
     disparity = only_where(valid, disparity)
     signs = signs_of_error(disparity, sigma, start.disparity, start.status, start.images[0].grain)
-    confidence = only_where(valid, confidence_of(signs, effort))
+    likely = confidence_of(signs, effort)
+    confidence = only_where(valid, likely)
     if SCHEDULES[effort].passes:
         sigma = with_disagreement(sigma, disparity, start.disparity, start.usable)
-    sigma = np.maximum(sigma, doubtful(signs, effort) * np.float32(DOUBTFUL_SIGMA))
+    sigma = np.maximum(sigma, doubtful(signs, effort, likely) * np.float32(DOUBTFUL_SIGMA))
     shown = disparity if hidden is None else only_where(~_in_hidden(disparity, *hidden), disparity)
     lost = unfounded(shown, confidence, water, limits)
     status[lost] = np.where(water.faint[lost], int(Status.LOW_TEXTURE), int(Status.INCONSISTENT))

@@ -24,6 +24,7 @@ from uw_recon_ros.masks import share_around
 from uw_recon_ros.match.planes.gray import some
 from uw_recon_ros.match.planes.texture import WINDOW, Texture, derivative, grown_from, local_variance
 from uw_recon_ros.match.planes.water_behind import water_behind
+from uw_recon_ros.medians import median
 from uw_recon_ros.types import FloatImage, Mask
 
 FAINT = 10.0, 20.0  #: times the unexplained, and somewhere in a patch; more is texture
@@ -106,4 +107,4 @@ def _noise(texture: Texture, theirs: FloatImage) -> float:
     unexplained = some(local_variance(np.asarray(texture.slope - theirs, np.float32))) / 2
     variance = some(texture.variance)
     least = variance <= np.quantile(variance, LEAST)
-    return min(max(float(np.median(unexplained[least])), texture.floor), MOST * texture.floor)
+    return min(max(median(unexplained[least]), texture.floor), MOST * texture.floor)

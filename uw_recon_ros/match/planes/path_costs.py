@@ -26,6 +26,7 @@ Sums = NDArray[np.int16]
 Four = tuple[np.uint8, np.uint8, np.uint8, np.uint8]
 Three = tuple[np.uintp, np.uintp, np.uintp]
 Firsts = NDArray[np.int16]
+Shifts = tuple[np.uintp, np.uintp, np.uintp, np.uintp]
 
 
 class Paths(NamedTuple):
@@ -115,8 +116,7 @@ def extend_row(
     for j in range(width):
         u = width - one - j if backward else j
         at, n = (row + u) * labels, (j + one) * stride + before_labels
-        mine = first[v, u]
-        firsts_now[j + one] = mine
+        shift = _shifts(first[v, u], firsts_before, firsts_now, np.uintp(j), pad)
         below = (beyond, least_before[j], least_before[columns + j + one], least_before[two * columns + j + two])
         jump = (
             np.uint8(penalties[0, v, u] + below[0]),
@@ -125,15 +125,28 @@ def extend_row(
             np.uint8(penalties[3, v, u] + below[3]),
         )
         arriving = (
-            n - stride + _shift(mine, firsts_before[j], pad),
-            line + n + _shift(mine, firsts_before[j + one], pad),
-            two * line + n + stride + _shift(mine, firsts_before[j + two], pad),
+            n - stride + shift[1],
+            line + n + shift[2],
+            two * line + n + stride + shift[3],
         )
-        last_beside = beside + _shift(mine, firsts_now[j], pad)
         leaving = (n, line + n, two * line + n)
         halves, m = (paths.added, np.uintp(0)) if second else (sums, at)
         beyond, left, straight, right = _extend(
-            costs, at, along, last_beside, along, here, before, arriving, now, leaving, below, jump, halves, m, labels
+            costs,
+            at,
+            along,
+            beside + shift[0],
+            along,
+            here,
+            before,
+            arriving,
+            now,
+            leaving,
+            below,
+            jump,
+            halves,
+            m,
+            labels,
         )
         least_now[j + one], least_now[columns + j + one], least_now[two * columns + j + one] = left, straight, right
         beside, here = here, beside
@@ -142,8 +155,23 @@ def extend_row(
 
 
 @kernel(inline=True, allocates=False)
+def _shifts(mine: np.int16, before: Firsts, now: Firsts, j: np.uintp, pad: np.uintp) -> Shifts:
+    """From where a label of this pixel stands to where its four predecessors keep the same; notes its first."""
+    one, none = np.uintp(1), np.uintp(0)
+    if pad == one:
+        return none, none, none, none
+    now[j + one] = mine
+    return (
+        _shift(mine, now[j], pad),
+        _shift(mine, before[j], pad),
+        _shift(mine, before[j + one], pad),
+        _shift(mine, before[j + np.uintp(2)], pad),
+    )
+
+
+@kernel(inline=True, allocates=False)
 def _shift(mine: np.int16, other: np.int16, pad: np.uintp) -> np.uintp:
-    """From where a label of this pixel stands to where the other one keeps the same; none where there is no pixel."""
+    """Of one other pixel; none where there is no pixel."""
     most = np.intp(pad) - 1
     apart = np.intp(mine) - np.intp(other) if other >= 0 else np.intp(0)
     shift: np.uintp = np.uintp(min(max(apart, -most), most))

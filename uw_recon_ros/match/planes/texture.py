@@ -21,6 +21,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_recon_ros.jit import kernel
 from uw_recon_ros.match.planes.gray import mix
 from uw_recon_ros.types import ByteImage, FloatImage, Mask
 
@@ -88,12 +89,26 @@ def untextured_mask(texture: Texture) -> Mask:
 def grown_from(rise: FloatImage, low: float, high: float) -> Mask:
     """Patches over `low` that somewhere reach `high`, and what lies within `CARRY` of them."""
     count, patches = cv2.connectedComponents((rise > low).astype(np.uint8))
-    reach = np.zeros(count, np.bool_)
-    reach[patches[rise > high]] = True
-    textured = reach[patches]
+    textured = np.empty(rise.shape, np.uint8)
+    _reaching(rise, np.float32(high), np.asarray(patches, np.int32), np.zeros(count, np.uint8), textured)
     side = 2 * CARRY + 1
-    carried = cv2.dilate(textured.astype(np.uint8), np.ones((side, side), np.uint8), borderType=cv2.BORDER_REPLICATE)
-    return np.asarray(carried > 0)
+    carried = cv2.dilate(textured, np.ones((side, side), np.uint8), borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(carried, np.uint8).view(np.bool_)
+
+
+@kernel(allocates=False)
+def _reaching(
+    rise: FloatImage, high: np.float32, patches: NDArray[np.int32], reach: ByteImage, textured: ByteImage
+) -> None:
+    """Write 1 where a patch is that somewhere rises over `high`, else 0; `reach`, of each patch, begins with 0."""
+    height, width = rise.shape
+    for v in range(height):
+        for u in range(width):
+            if rise[v, u] > high:
+                reach[patches[v, u]] = 1
+    for v in range(height):
+        for u in range(width):
+            textured[v, u] = reach[patches[v, u]]
 
 
 def noise_sigma(gray: FloatImage) -> float:
