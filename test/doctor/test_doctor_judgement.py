@@ -496,6 +496,23 @@ def test_lost_odometry_is_told_and_no_reason_for_missing_clouds() -> None:
 
 
 @pytest.mark.parametrize(
+    ("said", "level"),
+    [
+        ("7 of 18 sectors told, the others unknown", Level.OK),
+        ("all sectors unknown: low confidence", Level.WARN),
+        ("not published: expected base_frame, got none", Level.WARN),
+    ],
+)
+def test_an_autopilot_that_listens_hears_why_it_is_told_nothing(said: str, level: Level) -> None:
+    seen = with_node(healthy(), "point_cloud_node", statuses=(NodeStatus(0, "working", {"obstacles": said}),))
+    assert not any(f.stage == "autopilot" for f in diagnose(seen).findings)
+    seen = spoil(seen, "obstacles", subscribers=(Endpoint("/mavros", TYPES["obstacles"]),))
+    (finding,) = [f for f in diagnose(seen).findings if f.stage == "autopilot"]
+    assert (finding.level, finding.text) == (level, f"/obstacles: {said}")
+    assert diagnose(seen).healthy
+
+
+@pytest.mark.parametrize(
     ("rmw", "around", "level", "words"),
     [
         ("rmw_fastrtps_cpp", {}, Level.OK, "camera drivers send through 512 KiB"),

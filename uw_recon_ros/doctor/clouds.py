@@ -16,6 +16,8 @@ _SPARSE = 0.05
 _RESULTS = (METRIC_CLOUD, "points2_filtered", UNSCALED_CLOUD)
 
 
+_FOR_AUTOPILOTS = ("obstacles", "range")
+_SILENT = ("not published", "all sectors unknown", "silent", "waiting")
 _RANGE = re.compile(r"(-?\d+) to (-?\d+) px")
 
 
@@ -59,6 +61,20 @@ def check_clouds(seen: Observation) -> list[Check]:
             fail(_STAGE, text + rate, "give the rig a scale: a calibration, or baseline_m and focal_px", symptom=True)
         ]
     return [fail(_STAGE, f"no cloud in {seen.seconds:.1f} s", symptom=True)]
+
+
+def check_autopilot(seen: Observation) -> list[Check]:
+    """Where somebody listens to obstacles or range: what the node tells on them, or the cause it names for silence."""
+    found = []
+    for name in _FOR_AUTOPILOTS:
+        topic = seen.topics.get(name, ObservedTopic(name))
+        statuses = (node.statuses[-1].values for node in seen.nodes.values() if node.statuses)
+        said = next((values[name] for values in statuses if name in values), "")
+        if topic.subscribers and said:
+            text = f"{topic.name}: {said}"
+            silent = warn("autopilot", text, "see docs/how-to/autopilot.md", symptom=True)
+            found.append(silent if said.startswith(_SILENT) else ok("autopilot", text))
+    return found
 
 
 def check_listeners(seen: Observation) -> list[Check]:

@@ -8,7 +8,7 @@ from uw_recon_ros.doctor.calibrations import check_calibration
 from uw_recon_ros.doctor.cameras import check_cameras
 from uw_recon_ros.doctor.check import Check, Level
 from uw_recon_ros.doctor.clocks import check_clocks
-from uw_recon_ros.doctor.clouds import check_clouds, check_listeners
+from uw_recon_ros.doctor.clouds import check_autopilot, check_clouds, check_listeners
 from uw_recon_ros.doctor.connections import check_connections
 from uw_recon_ros.doctor.environment import check_discovery, check_transport
 from uw_recon_ros.doctor.observation import Observation
@@ -26,6 +26,7 @@ _CHECKS = (
     check_stages,
     check_further,
     check_clouds,
+    check_autopilot,
     check_listeners,
     check_transport,
 )
