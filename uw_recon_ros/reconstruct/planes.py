@@ -57,18 +57,16 @@ def fit_planes(planes: Planes, bandwidth: FloatImage, step: int = 1) -> Planes:
         Distance of neighbouring samples, px (the holes of an "a-trous" filter).
     """
     height, width = planes.value.shape
-    padded = np.empty((5, height + 2 * step, width + 2 * step), np.float32)
-    _lay_out(planes.value, planes.slope_u, planes.slope_v, bandwidth, step, padded)
+    padded = np.empty((2, height + 2 * step, width + 2 * step), np.float32)
+    _lay_out(planes.value, step, padded)
     fitted = np.empty((4, height, width), np.float32)
-    _fit(padded, step, fitted)
+    _fit(padded, planes.slope_u, planes.slope_v, bandwidth, step, fitted)
     return Planes(fitted[0], fitted[1], fitted[2], fitted[3])
 
 
 @kernel
-def _lay_out(
-    value: FloatImage, slope_u: FloatImage, slope_v: FloatImage, bandwidth: FloatImage, step: int, padded: FloatImage
-) -> None:
-    """Value, slopes, weight and inverse bandwidth with a rim of zeros, and zeros where there is no value."""
+def _lay_out(value: FloatImage, step: int, padded: FloatImage) -> None:
+    """Value and weight with a rim of zeros, and zeros where there is no value."""
     height, width = value.shape
     padded[:, :step] = np.float32(0.0)
     padded[:, height + step :] = np.float32(0.0)
@@ -79,14 +77,13 @@ def _lay_out(
         for u in range(width):
             valid = np.isfinite(value[v, u])
             padded[0, v + step, u + step] = value[v, u] if valid else zero
-            padded[1, v + step, u + step] = slope_u[v, u]
-            padded[2, v + step, u + step] = slope_v[v, u]
-            padded[3, v + step, u + step] = one if valid else zero
-            padded[4, v + step, u + step] = one / max(bandwidth[v, u], np.float32(1e-6)) if valid else zero
+            padded[1, v + step, u + step] = one if valid else zero
 
 
 @kernel
-def _fit(padded: FloatImage, step: int, fitted: FloatImage) -> None:
+def _fit(
+    padded: FloatImage, slope_u: FloatImage, slope_v: FloatImage, bandwidth: FloatImage, step: int, fitted: FloatImage
+) -> None:
     """Weighted least squares of the residuals to the present plane.
 
     Long, for the inner loop over u must be one block without calls, branches or signed indices: so it runs in vector
@@ -99,11 +96,12 @@ def _fit(padded: FloatImage, step: int, fitted: FloatImage) -> None:
     zero, one = np.float32(0.0), np.float32(1.0)
     for v in range(height):
         above, here, below = padded[0, v], padded[0, v + step], padded[0, v + 2 * step]
-        weight_above, weight_here, weight_below = padded[3, v], padded[3, v + step], padded[3, v + 2 * step]
-        gu, gv, inverse_band = padded[1, v + step], padded[2, v + step], padded[4, v + step]
+        weight_above, weight_here, weight_below = padded[1, v], padded[1, v + step], padded[1, v + 2 * step]
+        gu, gv, band = slope_u[v], slope_v[v], bandwidth[v]
         out, out_u, out_v, out_support = fitted[0, v], fitted[1, v], fitted[2, v], fitted[3, v]
         for u in range(width):
             k = u + hole
+            inverse_band = one / max(band[u], np.float32(1e-6)) if weight_here[k] > zero else zero
             s, sx, sy, sxx, sxy, syy, sr, sxr, syr = zero, zero, zero, zero, zero, zero, zero, zero, zero
             for j in range(3):
                 for i in range(3):
@@ -115,8 +113,8 @@ def _fit(padded: FloatImage, step: int, fitted: FloatImage) -> None:
                         value, w = here[n], weight_here[n]
                     else:
                         value, w = below[n], weight_below[n]
-                    r = value - here[k] - gu[k] * x - gv[k] * y
-                    t = r * inverse_band[k]
+                    r = value - here[k] - gu[u] * x - gv[u] * y
+                    t = r * inverse_band
                     t = max(zero, one - t * t)
                     w *= np.float32((2 - abs(i - 1)) * (2 - abs(j - 1))) * np.float32(0.25) * t * t
                     s, sx, sy, sr = s + w, sx + w * x, sy + w * y, sr + w * r
@@ -129,5 +127,5 @@ def _fit(padded: FloatImage, step: int, fitted: FloatImage) -> None:
             scale = weight_here[k] / (xx * yy - xy * xy)
             p, q = (yy * xr - xy * yr) * scale, (xx * yr - xy * xr) * scale
             out[u] = here[k] + weight_here[k] * (mr - p * mx - q * my) if weight_here[k] > zero else np.float32(np.nan)
-            out_u[u], out_v[u] = (gu[k] + p) * weight_here[k], (gv[k] + q) * weight_here[k]
+            out_u[u], out_v[u] = (gu[u] + p) * weight_here[k], (gv[u] + q) * weight_here[k]
             out_support[u] = s * weight_here[k]
