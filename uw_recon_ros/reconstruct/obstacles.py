@@ -260,12 +260,15 @@ class FindObstacles:
         for rule, held in rules.items():
             trusted &= held
             left[rule] = int(np.count_nonzero(trusted))
-        points = points_from_depth(depth.depth, depth.geometry)[trusted].astype(np.float64)
+        at = np.flatnonzero(trusted)
+        points = points_from_depth(depth.depth, depth.geometry).reshape(-1, 3).take(at, axis=0).astype(np.float64)
         lengths = np.sqrt(np.einsum("ij,ij->i", points, points))
         near = (lengths >= self.min_range) & (lengths <= self.max_range)
-        along_ray = depth.sigma[trusted][near] / depth.depth[trusted][near] * lengths[near]
+        if not near.all():
+            at, points, lengths = at[near], points[near], lengths[near]
+        along_ray = depth.sigma.take(at) / depth.depth.take(at) * lengths
         fewest = max(1, round(p.obstacle_min_share * depth.depth.size))
-        offsets = points[near] @ self.mount.base_from_optical.T
+        offsets = points @ self.mount.base_from_optical.T
         left[_WITHIN] = len(offsets)
         return ObstacleScan(
             offsets, along_ray, fewest, self.min_range, self.max_range, depth.stamp_ns, p, self.mount, left,
