@@ -41,6 +41,7 @@ from typing import Any
 import numpy as np
 
 from uw_recon_ros.camera_mount import MountParams
+from uw_recon_ros.errors import ReconError
 from uw_recon_ros.pipeline import Pipeline, PipelineParams, read_values
 from uw_recon_ros.reconstruct.obstacles import FindObstacles, ObstacleParams
 from uw_recon_ros.simulate.backdrop import place_lamps
@@ -136,10 +137,12 @@ def run(scene: str, water: str, frames: int, size: tuple[int, int], seed: int) -
     for index in range(frames):
         frame = dive.frame(index)
         raw = StereoPair(frame.left, frame.right, stamp_ns=frame.stamp_ns, calibration=dive.calibration)
-        products = pipeline(raw)
-        depth = products.depth
-        metric = depth.geometry.metric  # else metres are withheld: silent
-        geometry = depth.geometry if metric else dive.geometry
+        try:
+            products = pipeline(raw)
+            depth, metric = products.depth, products.depth.geometry.metric
+        except ReconError:  # a pair that is refused, as where nothing can be matched
+            metric = False
+        geometry = depth.geometry if metric else dive.geometry  # without metres: silent
         true_depth = dive.true_depth(index, geometry, *size)
         truth, below, pixels = true_sectors(true_depth, geometry, mount)
         nearby = with_lamps(true_sectors(true_depth, geometry, mount, SLACK_M)[0], dive, index, mount)
@@ -179,7 +182,7 @@ def rates(table: dict[str, dict[str, float]]) -> str:
     )
     seen = sum(row["near"] * row["seen_percent"] / 100 for row in table.values())
     rate = read_values(NAVIGATION)["max_rate_hz"]
-    possible = "" if scans_false else f"; up to {300 / scans:.1f} % possible"
+    possible = "" if scans_false else f"; up to {min(100, 300 / scans):.1f} % possible"
     return (
         f"false: {scans_false:.0f} of {scans:.0f} scans ({100 * scans_false / scans:.2f} %{possible}), "
         f"{false:.0f} of {told:.0f} told and of {sectors:.0f} sectors ({100 * false / sectors:.3f} %)\n"
