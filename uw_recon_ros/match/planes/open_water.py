@@ -10,7 +10,8 @@ and the veil of open water seems textured. Two things together tell it from a su
   makes.
 
 Where much of the surroundings is such water, being of many pieces is enough: particles drift in it. What goes on from
-it beside and behind things is of one piece, theirs: `water_behind` tells it.
+it beside and behind things is of one piece, theirs: `water_behind` tells it. Waves above and the glow of lamps have
+their own distance: `smooth_light` tells them.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import numpy as np
 
 from uw_recon_ros.masks import share_around
 from uw_recon_ros.match.planes.gray import some
+from uw_recon_ros.match.planes.smooth_light import smooth_light
 from uw_recon_ros.match.planes.texture import WINDOW, Texture, derivative, grown_from, local_variance
 from uw_recon_ros.match.planes.water_behind import water_behind
 from uw_recon_ros.medians import median
@@ -78,7 +80,9 @@ def open_water(texture: Texture, start: FloatImage, agreed: Mask) -> OpenWater:
     if water.any():
         behind = water_behind(texture.views[0], texture.slope, theirs, start, noise, water)
         water |= behind
-        faint |= behind
+        light = smooth_light(texture.views[0], texture.slope, theirs, noise, water)
+        water |= light
+        faint |= behind | light
     return OpenWater(water, faint)
 
 

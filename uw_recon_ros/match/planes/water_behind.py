@@ -31,10 +31,10 @@ RIM = 6  #: px
 WIDE = 61  #: side of the window that views are compared over, px
 ALIKE = 0.4  #: correlation
 LEAST_SHARE = 0.05  #: of that window must count
-STRIDE, ENOUGH, ROUNDS = 20, 0.1, 10  #: px; share of the window of twice that; how often
+STRIDE, ENOUGH, ROUNDS = 30, 0.1, 10  #: px; share of the window of twice that; how often
 AS_BRIGHT = 2.0, 2.0  #: standard deviations of the noise, and gray levels
 BRIDGE, SURE_SHARE = 12, 0.2  #: px between parts of a patch; part of it
-_HALF, _COARSE = 2, 4  # all but differences of neighbours is looked at in every other, or fourth, pixel
+SCALE, _COARSE = 2, 4  # all but differences of neighbours is looked at in every other, or fourth, pixel
 
 
 def water_behind(
@@ -56,26 +56,26 @@ def water_behind(
         Water.
     """
     height, width = slope.shape
-    ours, other, squares = (_smaller(x, _HALF) for x in (slope, theirs, slope * slope))
+    ours, other, squares = (smaller(x, SCALE) for x in (slope, theirs, slope * slope))
     least = _least_variance(ours, squares)
     even = least < EVEN * noise
-    inner = cv2.erode(even.view(np.uint8), _square(2 * RIM // _HALF + 1))
-    there = np.arange(even.shape[1], dtype=np.float32) - start[::_HALF, ::_HALF] / _HALF
+    inner = cv2.erode(even.view(np.uint8), square(2 * RIM // SCALE + 1))
+    there = np.arange(even.shape[1], dtype=np.float32) - start[::SCALE, ::SCALE] / SCALE
     rows = np.repeat(np.arange(even.shape[0], dtype=np.float32)[:, None], even.shape[1], 1)
     other_inner = cv2.remap(inner, there, rows, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
     counted = np.minimum(inner, other_inner).astype(np.float32)
     alike = _correlation(_fine(ours), _fine(other), counted)
     blank = even & (least < BESIDE * float(np.quantile(some(least), 1 - STRONGEST)))
-    light = _smaller(brightness, _COARSE)
-    seeds, may_be = sure[::_COARSE, ::_COARSE], blank[::_HALF, ::_HALF] & (alike < ALIKE)
-    water = _spread(light, seeds & even[::_HALF, ::_HALF], may_be, noise)
+    light = smaller(brightness, _COARSE)
+    seeds, may_be = sure[::_COARSE, ::_COARSE], blank[::SCALE, ::SCALE] & (alike < ALIKE)
+    water = _spread(light, seeds & even[::SCALE, ::SCALE], may_be, noise)
     water = _with_enough(water | seeds, seeds) & water
     grown = cv2.resize(water.view(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST)
     evenly = cv2.resize(even.view(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST)
     return np.asarray((grown > 0) & (evenly > 0))
 
 
-def _smaller(values: FloatImage, by: int) -> FloatImage:
+def smaller(values: FloatImage, by: int) -> FloatImage:
     """Means of squares of pixels; the last may be cut."""
     size = -(-values.shape[1] // by), -(-values.shape[0] // by)
     return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA), np.float32)
@@ -83,24 +83,25 @@ def _smaller(values: FloatImage, by: int) -> FloatImage:
 
 def _least_variance(slope: FloatImage, squares: FloatImage) -> FloatImage:
     """Of the windows that hold a pixel, from a derivative and its square."""
-    side = SMALL // _HALF
-    mean, square = (cv2.blur(x, (side, side)) for x in (slope, squares))
-    return np.asarray(cv2.erode(square - mean * mean, _square(side)), np.float32)
+    side = SMALL // SCALE
+    mean, of_squares = (cv2.blur(x, (side, side)) for x in (slope, squares))
+    return np.asarray(cv2.erode(of_squares - mean * mean, square(side)), np.float32)
 
 
-def _square(side: int) -> ByteImage:
+def square(side: int) -> ByteImage:
+    """A window, for morphology."""
     return np.ones((side, side), np.uint8)
 
 
 def _fine(slope: FloatImage) -> FloatImage:
-    return np.asarray(slope - cv2.blur(slope, (FINE // _HALF + 1,) * 2), np.float32)
+    return np.asarray(slope - cv2.blur(slope, (FINE // SCALE + 1,) * 2), np.float32)
 
 
 def _correlation(ours: FloatImage, theirs: FloatImage, counted: FloatImage) -> FloatImage:
     """Around each fourth pixel, of what counts; 1 where that is too little."""
 
     def mean(values: FloatImage) -> FloatImage:
-        return np.asarray(cv2.blur(_smaller(values, _COARSE // _HALF), (WIDE // _COARSE,) * 2), np.float32)
+        return np.asarray(cv2.blur(smaller(values, _COARSE // SCALE), (WIDE // _COARSE,) * 2), np.float32)
 
     x, y = ours * counted, theirs * counted
     found = mean(x * y) / np.sqrt(np.maximum(mean(x * x) * mean(y * y), np.float32(1e-9)))
@@ -124,7 +125,7 @@ def _spread(light: FloatImage, seeds: Mask, may_be: Mask, noise: float) -> Mask:
 
 def _with_enough(water: Mask, sure: Mask) -> Mask:
     """Patches of which a part is sure."""
-    count, patches = cv2.connectedComponents(cv2.dilate(water.astype(np.uint8), _square(2 * BRIDGE // _COARSE + 1)))
+    count, patches = cv2.connectedComponents(cv2.dilate(water.astype(np.uint8), square(2 * BRIDGE // _COARSE + 1)))
     area, known = (np.bincount(patches[mask], minlength=count) for mask in (water, sure))
     kept = known >= SURE_SHARE * np.maximum(area, 1)
     kept[0] = False
