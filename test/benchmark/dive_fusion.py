@@ -46,7 +46,7 @@ def dive_of(name: str) -> SurveyDive:
 def seen_points(dive: SurveyDive, frames: Sequence[DiveFrame]) -> tuple[Any, Any]:
     """True points in view of both cameras of at least one frame; errors of the single depth maps there, m."""
     points, errors = [], []
-    for index, frame in zip(dive.taken(), frames, strict=True):
+    for index, frame in zip(dive.taken()[: len(frames)], frames, strict=True):
         height, width = frame.disparity.shape
         g, there = frame.geometry, (slice(None, None, _EVERY), slice(None, None, _EVERY))
         true = dive.true_depth(index, g, width, height)
@@ -88,13 +88,14 @@ def main() -> None:
     parser.add_argument("--effort", default="navigation")
     parser.add_argument("--min-views", type=int, default=DiveModelParams().min_views)
     parser.add_argument("--max-sigma-m", type=float, default=DiveModelParams().max_sigma_m)
+    parser.add_argument("--first", type=int, help="only so many frames")
     parser.add_argument("dives", nargs="*", default=["rich", "mud"])
     args = parser.parse_args()
     say, params = sys.stdout.write, DiveModelParams(min_views=args.min_views, max_sigma_m=args.max_sigma_m)
     say("| simulated dive, true poses | single frames: median / 95 % mm | model | complete | voxel | in 1 / 2 sigma "
         "| CPU s a frame | peak MB |\n|" + " --- |" * 8 + "\n")  # fmt: skip
     for name in args.dives:
-        frames = dive_frames(args.frames, args.effort, DIVES[name][0], **DIVES[name][1])
+        frames = dive_frames(args.frames, args.effort, DIVES[name][0], args.first, **DIVES[name][1])
         say(row(name, frames, args.output / name, params) + "\n")
         sys.stdout.flush()
 

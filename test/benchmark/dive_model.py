@@ -22,13 +22,14 @@ from uw_recon_ros.trajectory import DisparityFrame, Trajectory, trajectory_of
 SMALL = {"width": 480, "height": 360}
 LOOPS = {"track": "lawnmower", "leg_m": 1.2}
 MUD = {"texture": "weak", "water": "7C", "snow_per_m3": 1000.0}
+OFF = {"told_disparity_offset_px": 0.3, "told_focal_percent": 0.5}
 #: Name: fields of `CourseParams`, of `SimulateParams`.
 DIVES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "rich": ({"track": "lawnmower", "leg_m": 2.0}, {"frames": 60}),
     "mud": (LOOPS, {"frames": 40, **MUD, **SMALL}),
     "tiles": ({**LOOPS, "bottom": "tiles"}, {"frames": 32, **SMALL}),
     "told wrongly": (
-        {**LOOPS, "told_disparity_offset_px": 0.3, "told_focal_percent": 0.5},
+        {**LOOPS, **OFF},
         {"frames": 40, **SMALL},
     ),
     "two segments": ({"track": "line", "blackout_m": 3.0}, {"frames": 38, **SMALL}),
@@ -39,6 +40,10 @@ OTHERS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "relief": (
         {**LOOPS, "bottom": "relief", "altitude_swing_m": 0.2, "heading_swing_deg": 10.0},
         {"frames": 40, "seed": 7, **SMALL},
+    ),
+    "told wrongly, swinging": (
+        {**LOOPS, "bottom": "relief", "altitude_swing_m": 0.2, "heading_swing_deg": 10.0, **OFF},
+        {"frames": 40, "seed": 8, **SMALL},
     ),
     "mud again": (LOOPS, {"frames": 30, "seed": 9, **MUD, **SMALL}),
     "return": ({"track": "return", "leg_m": 1.8}, {"frames": 24, "seed": 21, **SMALL}),
