@@ -52,9 +52,16 @@ def _label(disparity: FloatImage, max_jump: np.float32) -> NDArray[np.int32]:
     for v in range(height):
         for u in range(width):
             here = v * width + u
-            if u > 0 and abs(disparity[v, u] - disparity[v, u - 1]) <= max_jump:
-                _join(parent, here, here - 1)
-            if v > 0 and abs(disparity[v, u] - disparity[v - 1, u]) <= max_jump:
+            left = u > 0 and abs(disparity[v, u] - disparity[v, u - 1]) <= max_jump
+            above = v > 0 and abs(disparity[v, u] - disparity[v - 1, u]) <= max_jump
+            if left:
+                parent[here] = parent[here - 1]
+                beyond = disparity[v - 1, u - 1] if v > 0 else np.float32(np.nan)
+                # a square of four that hang together: joined when the pixel before was
+                above &= not (
+                    abs(disparity[v, u - 1] - beyond) <= max_jump and abs(disparity[v - 1, u] - beyond) <= max_jump
+                )
+            if above:
                 _join(parent, here, here - width)
     number, flat = np.int32(0), disparity.ravel()
     for index in range(height * width):

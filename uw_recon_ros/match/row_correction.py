@@ -115,11 +115,11 @@ def mend_rows(left: ByteImage, right: ByteImage, low: int, high: int, threads: i
     even, start = _even(left), None
     corners = _corners(even)
     for _ in range(ROUNDS):
-        start = begin(left, mended, low, high, threads)
-        seen = _measured(corners, start, even, _even(mended))
+        start, there = begin(left, mended, low, high, threads), _even(mended)
+        seen = _measured(corners, start, even, there)
         if len(seen.offsets) < LOST * len(corners):
             half = start.half or _half_size(left, mended, low, high, threads)
-            seen = max(seen, _measured(corners, half, even, _even(mended)), key=lambda s: len(s.offsets))
+            seen = max(seen, _measured(corners, half, even, there), key=lambda s: len(s.offsets))
         if len(seen.offsets) < FEWEST:
             offset = replace(offset, points=len(seen.offsets))
             break

@@ -36,10 +36,18 @@ def left_right_check(
             if agrees:
                 status[v, u] = 0
                 continue
-            explained = False
-            for x in range(max(u - high, 0), min(u - low + 1, width)):
-                explained |= abs(right[v, x] - np.float32(u - x)) <= 1
+            first_x = min(max(u - high, 0), width)
+            explained = _any_matches(right[v, first_x : max(min(u - low + 1, width), first_x)], u - first_x)
             status[v, u] = _INCONSISTENT if explained else _OCCLUDED
+
+
+@kernel(inline=True, allocates=False)
+def _any_matches(right: FloatImage, apart: int) -> bool:
+    """Whether any pixel of a part of a row matches the one that lies `apart` from the first of them, to a pixel."""
+    matching = np.int32(0)
+    for i in range(right.size):
+        matching += np.int32(abs(right[i] - np.float32(np.int32(apart) - np.int32(i))) <= np.float32(1))
+    return bool(matching > 0)
 
 
 @kernel
