@@ -86,6 +86,16 @@ def test_a_near_thing_at_the_left_border_leaves_the_wall_behind_it(effort: str) 
     assert (np.abs(result.disparity - 3) < 1)[22:68, 4:8].mean() > 0.9
 
 
+@pytest.mark.parametrize("effort", ["navigation", "balanced"])
+def test_a_blank_border_is_outside_as_far_as_the_surface_it_ends_at_would_be(effort: str) -> None:
+    left, right = pair_of(np.full((90, 200), 30.0), margin=100)
+    left[:, :70], right[:, :40] = 128, 128
+    status = graph_cut(left, right, 0, 40, effort=effort).status
+    inside = slice(8, -8)
+    assert (status[inside, :29] == Status.OUTSIDE).all()
+    assert (status[inside, 31:60] == Status.LOW_TEXTURE).all()
+
+
 @pytest.mark.parametrize("effort", EFFORTS)
 def test_fields_agree(effort: str) -> None:
     left, right, _ = step_pair()

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from uw_recon_ros.jit import kernel
-from uw_recon_ros.types import ByteImage, FloatImage, Status
+from uw_recon_ros.types import ByteImage, FloatImage, Mask, Status
 
 AGREE = 1.5  #: the views' disparities may differ by this, px
 _OCCLUDED, _OUTSIDE, _INCONSISTENT = int(Status.OCCLUDED), int(Status.OUTSIDE), int(Status.INCONSISTENT)
@@ -76,6 +76,28 @@ def enforce_uniqueness(disparity: FloatImage, costs: FloatImage, first: int, las
             for x in range(max(column, 0), min(column + 2, width)):
                 if owner_cost[x] < costs[v, u] and abs(owner[x] - disparity[v, u]) > 1:
                     status[v, u] = _OCCLUDED
+
+
+@kernel(allocates=False)
+def outside_by_surface(disparity: FloatImage, blank: Mask, status: ByteImage) -> None:
+    """Mark as outside what is blank, at the left border, and would not be seen if it were of the surface it ends at.
+
+    Parameters
+    ----------
+    disparity : (H, W) float32
+        px.
+    blank : (H, W) bool
+        What has no texture, and so no disparity of its own.
+    status : (H, W) uint8
+    """
+    height, width = disparity.shape
+    for v in range(height):
+        first = 0
+        while first < width and status[v, first] != 0:
+            first += 1
+        for u in range(first if first < width else 0):
+            if blank[v, u] and np.float32(u) - disparity[v, first] < -0.5:
+                status[v, u] = _OUTSIDE
 
 
 def remove_small_segments(disparity: FloatImage, status: ByteImage) -> None:

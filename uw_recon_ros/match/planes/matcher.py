@@ -35,6 +35,7 @@ from uw_recon_ros.match.planes.initial_disparity import Beginning, View, begin
 from uw_recon_ros.match.planes.left_right_check import (
     enforce_uniqueness,
     fill_background,
+    outside_by_surface,
     remove_small_segments,
 )
 from uw_recon_ros.match.planes.open_water import OpenWater, open_water
@@ -165,6 +166,7 @@ def graph_cut(
     schedule = SCHEDULES[effort]
     if not schedule.passes:
         _leave_out(blank, status)
+        outside_by_surface(seen, blank, status)
         return _result(seen, start, status, water, limits, float("nan"), effort, threads, hidden)
     gray = images[0].as_bytes()
     moved = None if before is None else move_planes(before, gray, seen, usable)
@@ -175,6 +177,7 @@ def graph_cut(
     )
     _leave_out(blank, status)
     remove_small_segments(disparity, status)
+    outside_by_surface(disparity, blank, status)
     value = sum(energy(state)) / schedule.units
     result = _result(disparity, start, status, water, limits, value, effort, threads, hidden)
     return replace(result, frame=FrameBefore(gray, state.planes))
