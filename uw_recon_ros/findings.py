@@ -83,6 +83,7 @@ class Code(str, Enum):
     MATCH_EXCHANGED = "match.exchanged"
     MATCH_NETWORK = "match.network"
     MATCH_NOTHING = "match.nothing"
+    MATCH_NO_RANGE = "match.no_range"
     MATCH_NOTHING_SEEN = "match.nothing_seen"
     # recordings
     RECORDING_BY_ORDER = "recording.by_order"

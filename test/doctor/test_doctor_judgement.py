@@ -67,6 +67,13 @@ def test_a_healthy_graph() -> None:
     assert as_table(diagnosis).splitlines()[-1] == "healthy: clouds come"
 
 
+def test_a_graph_with_warnings_is_not_called_healthy() -> None:
+    twice = node("point_cloud_node", copies=2)
+    seen = healthy()
+    diagnosis = diagnose(replace(seen, nodes={**seen.nodes, "point_cloud_node": twice}))
+    assert as_table(diagnosis).splitlines()[-1] == "with 1 warning above: clouds come"
+
+
 def test_nothing_at_all_is_seen() -> None:
     around = Surroundings("7", "LOCALHOST", "rmw_fastrtps_cpp", nodes_seen=0)
     line = cause(Observation(surroundings=around))

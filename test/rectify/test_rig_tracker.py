@@ -188,6 +188,39 @@ def test_cameras_exchanged_midway_are_refused_until_they_are_right_again(frames,
     assert np.median(again.parallax(find_tie_points(frames[0], PARAMS))) > 0
 
 
+@pytest.mark.parametrize("calibrated", [True, False])
+def test_a_rig_is_looked_at_every_five_seconds_however_few_its_frames(frames, calibrated):
+    """At one pair a second, with a look every 50th, a swap is seen within five frames."""
+    tracker = RigTracker(replace(PARAMS, watch_interval=50))
+    calibration = calibration_of(RIG) if calibrated else None
+    for second in range(4):
+        tracker.update(replace(frames[second], calibration=calibration, stamp_ns=second * 1_000_000_000))
+    swapped = replace(frames[0], left=frames[0].right, right=frames[0].left, calibration=calibration)
+    swapped = replace(swapped, left_matching=frames[0].right_matching, right_matching=frames[0].left_matching)
+
+    def is_refused(second):
+        try:
+            tracker.update(replace(swapped, stamp_ns=second * 1_000_000_000))
+        except EstimationError as error:
+            return "left and right images are swapped" in str(error)
+        return False
+
+    assert any(is_refused(second) for second in range(4, 4 + 5 + PARAMS.drift_patience))
+
+
+def test_a_doubt_about_metres_is_followed_up_at_once(frames, moved_frames):
+    """A knocked rig loses its metres three looks after the first, frame by frame."""
+    tracker = RigTracker(replace(PARAMS, watch_interval=10))
+    for number in range(5 * 10):
+        tracker.update(with_calibration(frames[number % 4], calibration_of(RIG)))
+    metric = [
+        tracker.update(with_calibration(moved_frames[number % 3], calibration_of(RIG))).geometry.metric
+        for number in range(10 + 3)
+    ]
+    assert metric[0]
+    assert not metric[-1]
+
+
 def test_calibration_ignored_or_required(frames):
     calibrated = with_calibration(frames[0], calibration_of(RIG))
     ignored = RigTracker(replace(PARAMS, calibration_use="ignore")).update(calibrated)

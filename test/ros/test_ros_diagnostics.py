@@ -179,3 +179,21 @@ def test_the_last_drop_has_its_code() -> None:
     diagnostics.drop("EstimationError", "swapped cameras", code=Code.RECTIFY_EXCHANGED)
     diagnostics.drop(SUPERSEDED)
     assert values(diagnostics.tick("/node"))["last drop code"] == "rectify.exchanged"
+
+
+def test_an_error_names_the_cause_of_today() -> None:
+    diagnostics = Diagnostics()
+    diagnostics.drop("EstimationError", "swapped cameras", code=Code.RECTIFY_EXCHANGED)
+    diagnostics.tick("/node")
+    diagnostics.drop("no left_info yet")
+    status = diagnostics.tick("/node")
+    assert (status.level, status.message) == (DiagnosticStatus.ERROR, "no left_info yet")
+    assert "last drop code" not in values(status)
+
+
+def test_a_missing_input_comes_before_what_it_makes_fail() -> None:
+    diagnostics = Diagnostics()
+    diagnostics.problem("silent", "waiting for /left/camera_info: no publisher")
+    diagnostics.drop("no left_info yet")
+    message = diagnostics.tick("/node").message
+    assert message == "waiting for /left/camera_info: no publisher; no left_info yet"

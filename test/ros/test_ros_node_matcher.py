@@ -5,7 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
+from uw_recon_ros.errors import EstimationError
+from uw_recon_ros.findings import Code
 from uw_recon_ros.match.sequence import MatchSequence
 from uw_recon_ros.match.stage import Match, MatchParams
 from uw_recon_ros.node_params import RateParams
@@ -37,3 +40,18 @@ def test_by_default_a_node_gives_what_the_stage_gives() -> None:
     node, stage = NodeMatcher(params, RateParams()), Match(params)
     for pair in pairs():
         assert node(pair).disparity.tobytes() == stage(pair).disparity.tobytes()
+
+
+def test_where_an_image_shows_no_limits_those_of_the_pair_before_hold() -> None:
+    node = NodeMatcher(MatchParams(), RateParams())
+    seen = pairs()[0]
+    gray = np.full_like(seen.left_matching, 90)
+    blank = replace(seen, left=gray, right=gray, left_matching=gray, right_matching=gray, stamp_ns=seen.stamp_ns + 1)
+    with pytest.raises(EstimationError) as error:
+        node(blank)
+    assert error.value.code == Code.MATCH_NO_RANGE
+    known = node(seen)
+    unknown = node(blank)
+    assert (unknown.min_disparity, unknown.max_disparity) == (known.min_disparity, known.max_disparity)
+    assert unknown.density == 0
+    assert known.density > 0.5

@@ -15,7 +15,8 @@ _OK, _WARN, _ERROR = 0, 1, 2
 _WAITING = ("silent", "unpaired")
 #: The graph's way to keep up, no fault.
 _HARMLESS = frozenset((
-    "superseded by newer", "no partner within tolerance", "deactivated meanwhile", "passed over: more than max_rate_hz",
+    "superseded by newer", "no partner within tolerance", "no longer wanted: deactivated, or nobody listens",
+    "passed over: more than max_rate_hz",
 ))  # fmt: skip
 EXCHANGE = "swap the topics of left and right, or the calibrations"
 EXCHANGED = (Code.RECTIFY_EXCHANGED.value, Code.MATCH_EXCHANGED.value)

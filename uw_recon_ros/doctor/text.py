@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from uw_recon_ros.doctor.check import Check
+from uw_recon_ros.doctor.check import Check, Level
 from uw_recon_ros.doctor.diagnose import Diagnosis
 
 
@@ -19,7 +19,9 @@ def as_table(diagnosis: Diagnosis) -> str:
     lines = [head, *(_line(finding) for finding in diagnosis.findings)]
     cause = diagnosis.cause
     if cause is None:
-        lines.append("healthy: clouds come")
+        doubts = sum(finding.level == Level.WARN for finding in diagnosis.findings)
+        told = f"with {doubts} warning{'s' * (doubts > 1)} above" if doubts else "healthy"
+        lines.append(f"{told}: clouds come")
     else:
         lines.append(f"most likely cause: {cause.text}" + (f" -> {cause.advice}" if cause.advice else ""))
     return "\n".join(lines)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_recon_ros.errors import EstimationError
+from uw_recon_ros.findings import Code
 from uw_recon_ros.match.coarse_disparities import COARSE_WIDTH, coarse_disparities
 from uw_recon_ros.types import ByteImage
 
@@ -48,8 +49,8 @@ def find_disparity_range(left: ByteImage, right: ByteImage) -> tuple[int, int]:
         raise EstimationError(
             f"disparity range: expected at least {_LEAST_MATCHES} pixels that match beyond doubt, got"
             f" {disparities.size} of {textured} textured ones ({left.shape[1]} x {left.shape[0]} px pair);"
-            " give min_disparity and max_disparity"
-        )
+            " give min_disparity and max_disparity", Code.MATCH_NO_RANGE,
+        )  # fmt: skip
     low, high = (end * scale for end in _supported(disparities))
     smaller, coarser, _ = coarse_disparities(*gray, COARSE_WIDTH // 2)
     if smaller.size >= _LEAST_MATCHES:

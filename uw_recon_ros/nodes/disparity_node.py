@@ -44,6 +44,7 @@ INPUTS = (
     *RECTIFIED_INFOS,
 )
 OUTPUTS = outputs_of("disparity_node")
+_NEARLY_NOTHING = 0.01  # part of the pixels
 
 
 def report_disparity(diagnostics: Diagnostics, disparity: DisparityMap) -> None:
@@ -55,6 +56,12 @@ def report_disparity(diagnostics: Diagnostics, disparity: DisparityMap) -> None:
         residual_row_offset=f"{disparity.rows}",
         scale="metric" if disparity.geometry.metric else "unknown",
     )
+    limits = f"{disparity.min_disparity} to {disparity.max_disparity} px"
+    text = (
+        f"nearly nothing matched ({disparity.density:.1%} of the pixels have a disparity): open water or darkness; "
+        f"or left and right swapped, a camera knocked, limits ({limits}) that miss the scene: see disparity/status"
+    )
+    diagnostics.problem("matched", text if disparity.density < _NEARLY_NOTHING else None)
 
 
 def publish_disparity(outputs: Outputs, disparity: DisparityMap, effort: str, params: DisparityMessageParams) -> None:

@@ -155,7 +155,10 @@ class RectifyParams(Params):
     lock_frames: int = param(10, "Frames of tie points gathered before the rig's geometry is locked.", low=1, high=1000)
     lock_points: int = param(600, "Tie points gathered before the rig's geometry is locked.", low=25, high=100_000)
     watch_interval: int = param(
-        5, "Every which frame the vertical (epipolar) error is watched once the geometry is locked.", low=1, high=10_000
+        5,
+        "Every which frame the vertical (epipolar) error is watched once the geometry is locked, or every 5 s.",
+        low=1,
+        high=10_000,
     )
     drift_limit_px: float = param(
         1.0, "Median vertical (epipolar) error over which a locked rig counts as moved.", unit="px", low=0.1, high=20.0

@@ -21,6 +21,7 @@ from uw_recon_ros.types import CameraModel, EnhancedPair, StereoCalibration
 
 _SOON = 5  # frames until rows are looked at again where nothing was in common
 _WATCHED_FRAMES = 5  # whose tie points together judge a calibrated rig
+_LONGEST_NS = 5_000_000_000  # between two looks at a rig, however many frames: a slow graph is no reason to look less
 _WATCHING = 4  # watching looks at images half as large, and at so many times fewer features, than estimating
 _NO_BASELINE = Finding(
     Code.RECTIFY_NO_BASELINE,
@@ -32,6 +33,11 @@ def _sent_twice(calibration: StereoCalibration | None) -> tuple[Finding, ...]:
     """What explains a missing baseline: one camera's CameraInfo for both. The images do without it."""
     found = judge_calibration(calibration).findings if calibration else ()
     return tuple(replace(f, severity=Severity.WARN) for f in found if f.code == Code.CALIBRATION_IDENTICAL)
+
+
+def _long_ago(watched_ns: int, pair: EnhancedPair) -> bool:
+    """Whether a rig was looked at long before, or after, a pair was taken."""
+    return abs(pair.stamp_ns - watched_ns) >= _LONGEST_NS
 
 
 class _Rig(Protocol):
@@ -57,9 +63,10 @@ class _CalibratedRig:
         self._rectification = self._given
         self._frames: deque[TiePoints] = deque(maxlen=_WATCHED_FRAMES)
         self._until_watch = 0
+        self._watched_ns = 0
 
     def update(self, pair: EnhancedPair, watch: bool) -> Rectification:
-        self._until_watch -= 1
+        self._until_watch = 0 if _long_ago(self._watched_ns, pair) else self._until_watch - 1
         if watch or not self._frames:  # what nobody has seen to fit yet is looked at before it is used
             self.watch(pair)
         return self._rectification
@@ -67,6 +74,7 @@ class _CalibratedRig:
     def watch(self, pair: EnhancedPair) -> None:
         if self._until_watch > 0:
             return
+        self._watched_ns = pair.stamp_ns
         try:
             found = _watched(pair, self._params)
         except EstimationError as error:  # nothing to measure on: what was known before holds, if anything was
@@ -77,17 +85,16 @@ class _CalibratedRig:
                     self._until_watch = min(self._until_watch, _SOON)
             return
         try:
-            judged(self._given, found, self._params)
-        except (
-            EstimationError
-        ):  # left and right images are swapped: until they are seen to be right again, every frame is looked at first
+            alone = judged(self._given, found, self._params)
+        except EstimationError:  # swapped: until they are seen to be right again, every frame is looked at first
             self._frames.clear()
             raise
         self._frames.append(found)
         judgement = judged(self._given, gathered(self._frames), self._params)
         warnings = torn(judgement, found) + judgement.quality.warnings
         self._rectification = judgement.with_quality(replace(judgement.quality, warnings=warnings))
-        self._until_watch = self._params.watch_interval
+        doubt = alone.geometry.metric != judgement.geometry.metric  # the rig has changed, or one pair is bad: look on
+        self._until_watch = 1 if doubt else self._params.watch_interval
 
 
 class _UncalibratedRig:
@@ -99,13 +106,15 @@ class _UncalibratedRig:
         self._frames: deque[TiePoints] = deque(maxlen=4 * params.lock_frames)
         self._rectification: Rectification | None = None
         self._until_look = 0
+        self._watched_ns = 0
         self._strays = 0
         self._put_off = False
 
     def update(self, pair: EnhancedPair, watch: bool) -> Rectification:
-        if self._rectification is not None and self._until_look > 0:
+        if self._rectification is not None and self._until_look > 0 and not _long_ago(self._watched_ns, pair):
             self._until_look -= 1
             return self._rectification
+        self._watched_ns = pair.stamp_ns
         if self._rectification is None or not self._rectification.locked:
             return self._gather(pair)
         self._put_off = not watch

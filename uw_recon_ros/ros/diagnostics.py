@@ -44,7 +44,7 @@ OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.E
 #: The graph's way to keep up, no faults: frames overtaken here, and what belonged to frames overtaken elsewhere.
 SUPERSEDED, NO_PARTNER = "superseded by newer", "no partner within tolerance"
 #: Nor is what was under way, or waiting, when the node was deactivated.
-DEACTIVATED = "deactivated meanwhile"
+DEACTIVATED = "no longer wanted: deactivated, or nobody listens"
 #: What `max_rate_hz` asks for.
 PASSED_OVER = "passed over: more than max_rate_hz"
 _NO_FAULT = (SUPERSEDED, NO_PARTNER, DEACTIVATED, PASSED_OVER)
@@ -69,6 +69,7 @@ class Diagnostics:
         self._now: Counter[str] = Counter()
         self._ticks: deque[Counter[str]] = deque(maxlen=_WINDOW_TICKS)
         self._drops: Counter[str] = Counter()
+        self._last_reason = ""
         self._last_drop = ""
         self._last_code = ""
         self._findings: dict[str, tuple[Finding, ...]] = {}
@@ -89,8 +90,8 @@ class Diagnostics:
         with self._lock:
             self._drops[reason] += number
             self._now["skipped" if reason in _NO_FAULT else "failed"] += number
-            if text:
-                self._last_drop, self._last_code = text, str(code or "")
+            if text or reason not in _NO_FAULT:  # the words of an older drop would name a cause that is gone
+                self._last_reason, self._last_drop, self._last_code = reason, text, str(code or "")
             self._busy_at = time.monotonic()
 
     def measure(self, what: str, value: float) -> None:
@@ -184,13 +185,17 @@ class Diagnostics:
         return DiagnosticStatus(level=level, name=name, message=message, values=pairs)
 
     def _verdict(self, now: Counter[str]) -> tuple[bytes, str]:
-        if now["failed"] and not now["done"]:
-            return ERROR, self._last_drop or "every frame dropped"
+        if now["failed"] and not now["done"]:  # inputs that are missing explain drops, not the other way round
+            return ERROR, "; ".join(filter(None, (self._problems.get("silent"), self._last_fault)))
         if self._problems:
             return WARN, "; ".join(self._problems.values())
         if now["failed"]:
-            return WARN, self._last_drop or "frames dropped"
+            return WARN, self._last_fault
         return OK, "working" if any(tick["done"] for tick in self._ticks) else "idle"
+
+    @property
+    def _last_fault(self) -> str:
+        return self._last_drop or self._last_reason
 
     def _rates(self) -> dict[str, str]:
         seconds = len(self._ticks)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 
+from uw_recon_ros.errors import EstimationError
+from uw_recon_ros.findings import Code
 from uw_recon_ros.match.methods import EFFORTS
 from uw_recon_ros.match.sequence import MatchSequence
 from uw_recon_ros.match.stage import Match, MatchParams
@@ -44,6 +46,7 @@ class NodeMatcher:
         self._matches = {effort: Match(replace(params, effort=effort)) for effort in efforts}
         self._sequence = MatchSequence()
         self._matched_s: float | None = None
+        self._limits: tuple[int, int] | None = None
         self.spent = ""
 
     @property
@@ -57,10 +60,18 @@ class NodeMatcher:
             match.warm_up()
 
     def __call__(self, pair: RectifiedPair) -> DisparityMap:
-        """Match one pair."""
+        """Match one pair. Where it does not show the limits of its disparities, those of the pair before hold."""
         began = time.monotonic()
         effort = self.effort
-        found = self._sequence(self._matches[effort], pair)
+        try:
+            found = self._sequence(self._matches[effort], pair)
+        except EstimationError as error:
+            if error.code != Code.MATCH_NO_RANGE or self._limits is None:
+                raise
+            low, high = self._limits  # open water, darkness: an answer that knows nothing is better than none
+            given = replace(self._matches[effort].params, min_disparity=low, max_disparity=high)
+            found = self._sequence(Match(given), pair)
+        self._limits = found.min_disparity, found.max_disparity
         self.spent = effort if self.params.method == "graph_cut" else ""
         self._matched_s = time.monotonic() - began
         return found
