@@ -150,4 +150,7 @@ def _write_profile(segment: int) -> str:
 def clean_up() -> None:
     """Remove the files written here; done at exit, called by those who leave by a shorter way."""
     while _written:
-        _written.pop().unlink(missing_ok=True)
+        path = _written.pop()
+        if os.environ.get(PROFILE_VARIABLE) == str(path):  # no child may look for it
+            del os.environ[PROFILE_VARIABLE]
+        path.unlink(missing_ok=True)
