@@ -166,8 +166,8 @@ class Products:
         kept, pair = self.kept, self.rectified
         if pair.geometry.axis != "horizontal":
             return kept
-        disparity, sigma = refine_below_a_pixel(pair.left, pair.right, kept.disparity, kept.sigma)
-        return replace(kept, disparity=disparity, sigma=sigma)
+        disparity, _ = refine_below_a_pixel(pair.left, pair.right, kept.disparity, kept.sigma)
+        return replace(kept, disparity=disparity)  # the correction's own sigma is too small behind a codec and in mud
 
     @property
     def findings(self) -> tuple[Finding, ...]:

@@ -20,7 +20,7 @@ from uw_recon_ros.types import FloatImage, Matrix
 
 #: Twelve edges of a cube: the corner they start at (bits x, y, z) and their axis.
 _EDGES = [(corner, axis) for axis in range(3) for corner in range(8) if not corner >> axis & 1]
-_SPREAD_SHARE = 0.1  # of a depth's variance is common to all views of a place: measured on three simulated dives
+_SPREAD_SHARE = 0.3  # of a depth's variance is common to all views of a place: the matcher's own, measured
 _KEY_BITS = 20
 
 
