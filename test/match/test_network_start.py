@@ -17,7 +17,8 @@ from uw_recon_ros.findings import Code  # noqa: E402
 from uw_recon_ros.match import stereo_network  # noqa: E402
 from uw_recon_ros.match.methods import EFFORTS, NETWORK_VALUES  # noqa: E402
 from uw_recon_ros.match.network_start import begin_with  # noqa: E402
-from uw_recon_ros.match.planes.initial_disparity import Beginning  # noqa: E402
+from uw_recon_ros.match.planes.initial_disparity import Beginning, begin  # noqa: E402
+from uw_recon_ros.match.planes.matcher import graph_cut  # noqa: E402
 from uw_recon_ros.match.stage import Match, MatchParams  # noqa: E402
 from uw_recon_ros.match.stereo_network import load_network  # noqa: E402
 from uw_recon_ros.types import MatchingPair, Status  # noqa: E402
@@ -196,3 +197,13 @@ def test_threads_change_no_bit(tmp_path: Path) -> None:
     path = str(write_network(tmp_path / "net.onnx"))
     one, two = (load_network(path, "0..1", "", threads)(*(np.atleast_3d(v) for v in PAIR)) for threads in (1, 2))
     assert one.tobytes() == two.tobytes()
+
+
+def test_the_own_start_holds_planes_and_a_network_s_does_not(tmp_path: Path) -> None:
+    """Where rows are mended the start is made before the cuts: it counts as if they had made it."""
+    left, right = PAIR
+    own = begin(left, right, 0, 15, 1)
+    alone, given = (graph_cut(left, right, 0, 15, effort="balanced", start=begun) for begun in (None, own))
+    assert given.disparity.tobytes() == alone.disparity.tobytes()
+    assert start(write_network(tmp_path / "net.onnx")).learned
+    assert not own.learned

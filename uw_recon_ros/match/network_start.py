@@ -51,7 +51,7 @@ def begin_with(
     other[lost] = np.nan
     status = compare_views(disparity, other, (low, high), threads)
     status[wild & (status == 0)] = Status.INCONSISTENT
-    return Beginning(images, disparity, status)
+    return Beginning(images, disparity, status, learned=True)
 
 
 def _within(found: FloatImage, low: int, high: int) -> tuple[FloatImage, Mask]:

@@ -73,12 +73,15 @@ class Beginning(NamedTuple):
         `Status` bits; 0 where both views agree.
     half : Beginning or None
         Of images of half the size, where it was made on the way.
+    learned : bool
+        Whether a network gave it, which can make up the same in both views.
     """
 
     images: tuple[View, View]
     disparity: FloatImage
     status: ByteImage
     half: Beginning | None = None
+    learned: bool = False
 
     @property
     def usable(self) -> Mask:

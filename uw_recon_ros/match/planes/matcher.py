@@ -157,10 +157,10 @@ def graph_cut(
     """
     _require(left, right, min_disparity, max_disparity, effort)
     limits = (min_disparity, max_disparity)
-    schedule = SCHEDULES[effort]
     if start is None:
         start = begin(left, right, *limits, threads)
-    else:  # a network can make up the same in both views
+    schedule = SCHEDULES[effort]
+    if start.learned:
         schedule = replace(schedule, trust=0.0)
     images, seen, usable, status = start.images, start.disparity, start.usable, start.status.copy()
     texture = Texture(images[0].pixels, images[1].pixels)
