@@ -262,7 +262,8 @@ def _of_files(source: Source, options: Options, rigs: Rigs, judge_pair: PairJudg
     except ReconError as error:
         return RecordingInfo(_shown(source), 0, 0, kind=source.kind, reasons=(str(error),))
     frames = listing.frames
-    sides = CameraImages(_place_of(source, 0, frames), None), CameraImages(_place_of(source, 1, frames), None)
+    left, right = _places_of(source, frames)
+    sides = CameraImages(left, None), CameraImages(right, None)
     with closing(Reader([source], listing.calibrations)) as reader:
         looked = _look_at_stills(frames) if source.kind == "stills" else _look_at_video(source, frames, reader)
         for number, side in enumerate(sides):
@@ -279,15 +280,21 @@ def _of_files(source: Source, options: Options, rigs: Rigs, judge_pair: PairJudg
     return replace(judged, warnings=(*judged.warnings, *listing.notes))
 
 
-def _place_of(source: Source, side: int, frames: list[Frame]) -> str:
-    """Where the images of a camera are, for people: a video, a folder, or the first file of a folder with both."""
+def _places_of(source: Source, frames: list[Frame]) -> tuple[str, str]:
+    """Where each camera's images are, for people: a video, a folder, or the first file of a folder with both."""
     if source.kind == "video":
-        return Path(source.other if side and source.other else source.path).name
-    files = [[frame.left.name for frame in frames], [frame.right.name for frame in frames]]
-    folders = [os.path.commonpath([os.path.dirname(name) for name in names]) for names in files]
-    shown = files[side][0] if folders[0] == folders[1] else folders[side]
-    inside = os.path.relpath(shown, os.path.dirname(source.path))
-    return shown if inside.startswith(os.pardir) else inside
+        return Path(source.path).name, Path(source.other or source.path).name
+    files = [frame.left.name for frame in frames], [frame.right.name for frame in frames]
+    left, right = (os.path.commonpath([os.path.dirname(name) for name in names]) for names in files)
+    if left == right:
+        left, right = files[0][0], files[1][0]
+    return _inside(source, left), _inside(source, right)
+
+
+def _inside(source: Source, path: str) -> str:
+    """A path from the folder that the source is in; as it is, where it lies elsewhere."""
+    inside = os.path.relpath(path, os.path.dirname(source.path))
+    return path if inside.startswith(os.pardir) else inside
 
 
 def _key(place: Place) -> tuple[str, int]:
